@@ -66,14 +66,14 @@ _PROGRAMS = {"browser", "postgresql", "s3"}
 
 def _modules(table: str) -> set[Path]:
     """Return the modules of a table: a folder of tests, a colon, and names in it without `test_`."""
-    folder, found = "", set[Path]()
+    folder, files = "", set[Path]()
     for word in table.split():
         if word.endswith(":"):
             folder = word.removesuffix(":")
         else:
-            found.add(ROOT / "tests" / folder / f"test_{word}.py")
-    assert all(path.is_file() for path in found), [path for path in found if not path.is_file()]
-    return found
+            files.add(ROOT / "tests" / folder / f"test_{word}.py")
+    assert all(path.is_file() for path in files), [path for path in files if not path.is_file()]
+    return files
 
 
 #: Modules whose tests take more than two seconds beside the slow ones, nine tenths of the time of all: `make check`

@@ -47,7 +47,7 @@ def watched(
             "htmx:sendError",
             "htmx:afterRequest",
         ]
-        if not any(each in text for each in known):
+        if not any(remark in text for remark in known):
             faults.append(text)
 
     page.on("console", lambda message: note(message.text) if message.type == "error" else None)

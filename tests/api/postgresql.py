@@ -16,10 +16,10 @@ from tests.api.programs import free_port
 
 def programs() -> Path:
     """Return the folder with the server's programs; the test is skipped where there is none."""
-    found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
-    if not found:
+    programs_found = sorted(Path("/usr/lib/postgresql").glob("*/bin/initdb"))
+    if not programs_found:
         pytest.skip("PostgreSQL is not installed (Debian: apt-get install postgresql)")
-    return found[-1].parent
+    return programs_found[-1].parent
 
 
 class Server:

@@ -101,7 +101,7 @@ def test_wrong_bearer_tokens_meet_a_limit_and_right_ones_do_not(guarded: tuple[h
     client, token = guarded
     answers = [client.get("/api/v1/logs", headers={"Authorization": f"Bearer guess{k}"}) for k in range(65)]
     most = BEARERS.amount
-    assert [each.status_code for each in answers] == [401] * most + [429] * (65 - most)
+    assert [answer.status_code for answer in answers] == [401] * most + [429] * (65 - most)
     assert int(answers[-1].headers["Retry-After"]) > 0
     assert client.get("/api/v1/logs", headers={"Authorization": f"Bearer {token}"}).status_code == 200
 

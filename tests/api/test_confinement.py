@@ -80,10 +80,10 @@ def test_the_unit_is_hardened() -> None:
     said = subprocess.run(
         [program, "security", "--offline=true", "--no-pager", str(UNIT)], capture_output=True, text=True, check=False
     )
-    found = re.search(r"exposure level for rotorid.service: ([0-9.]+)", said.stdout)
-    if found is None:
+    match = re.search(r"exposure level for rotorid.service: ([0-9.]+)", said.stdout)
+    if match is None:
         pytest.skip(f"this systemd-analyze judges no files: {said.stderr.strip()}")
-    assert float(found[1]) < 2.5
+    assert float(match[1]) < 2.5
 
 
 def test_the_unit_lets_analyses_limit_themselves_and_numba_compile() -> None:

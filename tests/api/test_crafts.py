@@ -28,7 +28,7 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
     logs = [fly(service, f"flight{day}.bin", flights.log(day)) for day in (1, 0, 2)]  # out of order
     fly(service, "other.bin", flights.log(5, craft="quad"))
     fly(service, "again.bin", flights.log(1))  # the same bytes
-    listed = {each["flights"]: each for each in service.get("/api/v1/crafts").json()["items"]}
+    listed = {craft["flights"]: craft for craft in service.get("/api/v1/crafts").json()["items"]}
     assert sorted(listed) == [1, 3]
     craft = settled(service, listed[3]["id"])
     assert craft["review"]["flights"] == ["flight0", "flight1", "flight2"]
@@ -42,7 +42,7 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
     joint = craft["joint"]["analysis"]
     for path in ("/analyses", f"/analyses/{joint}", f"/analyses/{joint}/again", "/logs", "/"):
         assert service.get(path).status_code == 200, path
-    names = [each["name"] for each in service.get(f"/api/v1/crafts/{craft['id']}/flights").json()]
+    names = [flight["name"] for flight in service.get(f"/api/v1/crafts/{craft['id']}/flights").json()]
     assert names == ["flight2", "flight1", "flight0"]
     # A fourth flight enters the means, and leaves the joint models as they are.
     fly(service, "flight3.bin", flights.log(3))
@@ -71,13 +71,13 @@ def test_a_change_is_an_alert_once_in_list_feed_and_page(service: httpx.Client) 
     assert service.post("/api/v1/logs", params={"analyze": True}, files=together).status_code == 201
     settled(service, only_craft(service)["id"])
     early = service.get("/api/v1/alerts").json()["items"]
-    assert [each["kind"] for each in early].count("parameter-changed") == 1
+    assert [alert["kind"] for alert in early].count("parameter-changed") == 1
     for name, content in logs[12:]:
         fly(service, name, content)
     craft = settled(service, only_craft(service)["id"])
     alerts = service.get("/api/v1/alerts").json()["items"]
     assert {alert["kind"] for alert in alerts} <= {"parameter-changed", "parameter-outside"}
-    assert [each["kind"] for each in alerts].count("parameter-changed") == 1
+    assert [alert["kind"] for alert in alerts].count("parameter-changed") == 1
     feed = service.post("/api/v1/alerts/feed").json()["url"]
     root = ElementTree.fromstring(service.get(feed).content)
     atom = "{http://www.w3.org/2005/Atom}"
@@ -105,8 +105,8 @@ def test_a_change_is_an_alert_once_in_list_feed_and_page(service: httpx.Client) 
 def test_flights_analysed_together_have_their_models_and_gains_under_the_stable_address(service: httpx.Client) -> None:
     """The files of several logs lie below their flights; the address of the craft leads to the newest that has them."""
     facts = [(0, {"trust": "yes"}), (1, {"gains": "ATC_RAT_RLL_P,0.12"}), (2, {"trust": "limited"})]
-    files = [("file", (f"flight{day}.bin", flights.log(day, **each))) for day, each in facts]
-    logs = [each["id"] for each in service.post("/api/v1/logs", files=files).json()["logs"]]
+    files = [("file", (f"flight{day}.bin", flights.log(day, **fact))) for day, fact in facts]
+    logs = [log["id"] for log in service.post("/api/v1/logs", files=files).json()["logs"]]
     ordered = service.post("/api/v1/analyses", json={"logs": logs}).json()
     wait(lambda: service.get(f"/api/v1/analyses/{ordered['id']}").json()["state"] == "done")
     here = f"{only_craft(service)['links']['self']}/model"
@@ -117,7 +117,7 @@ def test_flights_analysed_together_have_their_models_and_gains_under_the_stable_
 def test_an_unhealthy_flight_is_an_alert_with_the_sentence_of_its_report(service: httpx.Client) -> None:
     fly(service, "crash.bin", flights.log(0, word="motor fault", text="At 12 s motor 1 lost 32 ± 3 % of its thrust."))
     craft = settled(service, only_craft(service)["id"])
-    assert [(each["kind"], each["text"]) for each in craft["recent"]] == [
+    assert [(event["kind"], event["text"]) for event in craft["recent"]] == [
         ("flight-unhealthy", "crash: motor fault. At 12 s motor 1 lost 32 ± 3 % of its thrust.")
     ]
     (analysis,) = service.get("/api/v1/analyses").json()["items"]
@@ -129,15 +129,15 @@ def test_a_board_that_was_moved_is_split_and_merged_by_its_owner(service: httpx.
     for day in range(4):
         fly(service, f"flight{day}.bin", flights.log(day))
     craft = only_craft(service)
-    found = service.get(f"/api/v1/crafts/{craft['id']}/flights").json()
-    theirs = [each["id"] for each in found if each["name"] in ("flight2", "flight3")]
+    answer = service.get(f"/api/v1/crafts/{craft['id']}/flights").json()
+    theirs = [flight["id"] for flight in answer if flight["name"] in ("flight2", "flight3")]
     moved = service.post("/api/v1/crafts/flights/move", json={"flights": theirs, "later": True}).json()
     assert moved["flights"] == 2
     assert moved["id"] != craft["id"]
     fly(service, "flight4.bin", flights.log(4))  # goes where flights like it go now
     assert service.get(f"/api/v1/crafts/{moved['id']}").json()["flights"] == 3
     # Analysed again, a flight stays where its owner put it.
-    log = next(each["log"] for each in found if each["name"] == "flight0")
+    log = next(flight["log"] for flight in answer if flight["name"] == "flight0")
     assert service.post("/api/v1/analyses", json={"logs": [log]}).status_code == 202
     settled(service, craft["id"])
     assert service.get(f"/api/v1/crafts/{craft['id']}").json()["flights"] == 2
@@ -174,7 +174,7 @@ def test_names_and_notes_hold_no_control_characters_and_times_are_in_the_calenda
 def test_names_of_flights_are_told_apart(service: httpx.Client) -> None:
     for day in range(3):
         fly(service, "00000012.BIN", flights.log(day))
-    names = [each["name"] for each in service.get(f"{only_craft(service)['links']['flights']}").json()]
+    names = [flight["name"] for flight in service.get(f"{only_craft(service)['links']['flights']}").json()]
     assert sorted(names) == ["00000012", "00000012 (2)", "00000012 (3)"]
 
 
@@ -242,15 +242,15 @@ def test_a_shared_link_shows_no_ids_or_hashes_of_logs(service: httpx.Client) -> 
     assert {"flights.json", "report.json", "report.html"} <= analysis["files"].keys()
     assert content in service.get(analysis["links"]["report.json"]).text
     shared = service.post(f"/api/v1/analyses/{analysis['id']}/shares").json()
-    told = service.get(shared["api"]).json()
-    assert not [name for name in told["files"] if name == "flights.json" or name.startswith("experiments/")]
-    texts = [service.get(shared["url"]).text, json.dumps(told)]
-    texts += [service.get(address).text for name, address in told["links"].items() if name not in ("self", "page")]
+    answer = service.get(shared["api"]).json()
+    assert not [name for name in answer["files"] if name == "flights.json" or name.startswith("experiments/")]
+    texts = [service.get(shared["url"]).text, json.dumps(answer)]
+    texts += [service.get(address).text for name, address in answer["links"].items() if name not in ("self", "page")]
     assert len(texts) >= 5
     for secret in (content, log, analysis["id"]):
         assert not [text for text in texts if secret in text]
-    assert "sandbox" in service.get(told["links"]["report.html"]).headers["Content-Security-Policy"]
-    for name in analysis["files"].keys() - told["files"].keys():
+    assert "sandbox" in service.get(answer["links"]["report.html"]).headers["Content-Security-Policy"]
+    for name in analysis["files"].keys() - answer["files"].keys():
         assert service.get(f"{shared['api']}/{name}").status_code == 404
 
 
@@ -277,11 +277,11 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
         wait(lambda: client.get("/api/v1/crafts").json()["items"])
         craft = settled(client, only_craft(client)["id"])
         assert craft["review"]["flights"] == ["flight0", "flight1"]
-        found = client.get(craft["links"]["flights"]).json()
-        assert {each["log"] for each in found} == {None}
-        page = client.get(f"/folder/{found[0]['id']}")
+        answer = client.get(craft["links"]["flights"]).json()
+        assert {flight["log"] for flight in answer} == {None}
+        page = client.get(f"/folder/{answer[0]['id']}")
         assert (page.status_code, "sandbox" in page.headers["Content-Security-Policy"]) == (200, True)
-        assert page.text == (out / "flights" / found[0]["name"] / "report.html").read_text("utf-8")
+        assert page.text == (out / "flights" / answer[0]["name"] / "report.html").read_text("utf-8")
         known = client.get("/api/v1/questions/parameters", params={"flight": "flight1"})
         assert known.status_code == 200
         fly(client, "upload.bin", flights.log(9))

@@ -83,8 +83,8 @@ def test_several_servers_may_migrate_at_once(url: str) -> None:
     databases = [Database(url) for _ in range(4)]
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(Database.migrate, databases))
-    for each in databases:
-        each.close()
+    for opened_catalog in databases:
+        opened_catalog.close()
 
 
 def test_several_servers_may_open_a_new_file_at_once(tmp_path: Path) -> None:
@@ -96,8 +96,8 @@ def test_several_servers_may_open_a_new_file_at_once(tmp_path: Path) -> None:
         servers = [Database(f"sqlite:///{tmp_path / str(number)}.db") for _ in range(4)]
         with ThreadPoolExecutor(4) as pool:
             assert list(pool.map(ask, servers)) == [1, 1, 1, 1]
-        for each in servers:
-            each.close()
+        for server in servers:
+            server.close()
 
 
 def test_writers_of_a_slow_sqlite_file_take_turns(tmp_path: Path) -> None:
@@ -121,8 +121,8 @@ def test_writers_of_a_slow_sqlite_file_take_turns(tmp_path: Path) -> None:
             threading.Event().wait(0.4)  # by now SQLite looks at its lock ten times a second only
         write(0)
         other.result()
-    for each in opened:
-        each.close()
+    for opened_catalog in opened:
+        opened_catalog.close()
     assert turns == [1, 0]
 
 
@@ -153,9 +153,9 @@ def test_no_analysis_is_claimed_twice(database: Database, catalog: Catalog, keep
         return claimed
 
     with ThreadPoolExecutor(8) as pool:
-        claimed = [analysis for found in pool.map(claim_all, servers * 2) for analysis in found]
-    for each in servers:
-        each.close()
+        claimed = [analysis for server in pool.map(claim_all, servers * 2) for analysis in server]
+    for server in servers:
+        server.close()
     assert sorted(claimed) == sorted(ordered)
     with database.read() as session:
         assert set(session.scalars(select(AnalysisRecord.attempts))) == {1}
@@ -182,9 +182,9 @@ def test_a_lost_lease_changes_nothing(database: Database, catalog: Catalog, keep
     # The answer may be lost on its way: asked for again, it was done, and by this claim only.
     assert queue.finish(quick, {"report.html": 3})
     assert not queue.finish(slow, {"late.txt": 1})
-    found = catalog.find_analysis(analysis, "ann")
-    assert found is not None
-    assert (found.state, found.files, found.attempts) == (State.DONE, {"report.html": 3}, 2)
+    kept = catalog.find_analysis(analysis, "ann")
+    assert kept is not None
+    assert (kept.state, kept.files, kept.attempts) == (State.DONE, {"report.html": 3}, 2)
 
 
 def test_an_analysis_is_given_up_after_so_many_deaths(
@@ -210,11 +210,11 @@ def test_an_analysis_that_takes_whole_servers_down_is_given_up(
     while (claim := queue.claim()) is not None:
         attempts += 1
         _let_expire(database, claim)
-    found = catalog.find_analysis(analysis, "ann")
-    assert found is not None
-    assert found.problem is not None
-    assert (found.state, attempts) == (State.FAILED, 20)
-    assert "begun 20 times" in found.problem.detail
+    kept = catalog.find_analysis(analysis, "ann")
+    assert kept is not None
+    assert kept.problem is not None
+    assert (kept.state, attempts) == (State.FAILED, 20)
+    assert "begun 20 times" in kept.problem.detail
 
 
 def test_the_same_log_many_times_at_once_is_one_log(
@@ -280,8 +280,8 @@ def test_the_whole_way_of_a_log(
         assert client.get("/readyz").json() == {"status": "ok"}
         assert "rotorid_logs 2.0" in client.get("/metrics").text
         for strange in ("\0", "%", "_", "\ud7ff", "'", "\\"):
-            found = client.get("/api/v1/logs", params={"name": strange, "after": strange})
-            assert (found.status_code, found.json()["items"]) == (200, [])
+            answer = client.get("/api/v1/logs", params={"name": strange, "after": strange})
+            assert (answer.status_code, answer.json()["items"]) == (200, [])
             assert client.get("/api/v1/analyses", params={"log": strange, "after": strange}).json()["items"] == []
             assert client.get(f"/api/v1/analyses/{strange.encode().hex()}").status_code == 404
         assert [log["name"] for log in client.get("/api/v1/logs", params={"name": "🚁"}).json()["items"]] == [

@@ -62,12 +62,12 @@ def test_junk_is_refused_when_it_is_uploaded(service: httpx.Client, content: byt
 
 
 def test_messages_and_fields_are_listed(service: httpx.Client, log: str) -> None:
-    found = service.get(f"{log}/messages").json()
+    answer = service.get(f"{log}/messages").json()
     truth = read_log(SAMPLE)
-    assert {each["name"]: each["rows"] for each in found["messages"]}["IMU"] == len(truth.messages["IMU"])
-    said = [(each["kind"], each["text"]) for each in found["moments"]]
+    assert {message["name"]: message["rows"] for message in answer["messages"]}["IMU"] == len(truth.messages["IMU"])
+    said = [(moment["kind"], moment["text"]) for moment in answer["moments"]]
     assert {("mode", "AUTO"), ("event", "ARMED"), ("message", "Mission: 1 Takeoff")} <= set(said)
-    assert found["moments"] == sorted(found["moments"], key=lambda each: each["t"])
+    assert answer["moments"] == sorted(answer["moments"], key=lambda moment: moment["t"])
     fields = service.get(f"{log}/messages/ESC").json()["fields"]
     assert {"text": "ESC[1].RPM", "unit": "rpm"} in fields
     assert "Time" not in fields[0]["text"]
@@ -76,17 +76,17 @@ def test_messages_and_fields_are_listed(service: httpx.Client, log: str) -> None
 
 def test_a_signal_is_thinned_and_no_peak_is_lost(service: httpx.Client, log: str) -> None:
     truth = read_log(SAMPLE).messages["IMU"]["AccZ"]
-    (found,) = service.get(f"{log}/signals", params={"signal": "IMU.AccZ", "points": 100}).json()["signals"]
-    assert len(found["t"]) <= 100
-    assert found["samples"] == len(truth)
-    assert min(found["y"]) == pytest.approx(truth.min(), rel=1e-6)
-    assert max(found["y"]) == pytest.approx(truth.max(), rel=1e-6)
+    (item,) = service.get(f"{log}/signals", params={"signal": "IMU.AccZ", "points": 100}).json()["signals"]
+    assert len(item["t"]) <= 100
+    assert item["samples"] == len(truth)
+    assert min(item["y"]) == pytest.approx(truth.min(), rel=1e-6)
+    assert max(item["y"]) == pytest.approx(truth.max(), rel=1e-6)
     near = truth.loc[50.0:51.0]
     window = {"signal": "IMU.AccZ", "start": 50.0, "stop": 51.0}
-    (found,) = service.get(f"{log}/signals", params=window).json()["signals"]
-    assert found["samples"] == len(near)
-    inside = (np.array(found["t"]) >= 50.0) & (np.array(found["t"]) <= 51.0)
-    np.testing.assert_allclose(np.array(found["y"])[inside], near, rtol=1e-6)
+    (item,) = service.get(f"{log}/signals", params=window).json()["signals"]
+    assert item["samples"] == len(near)
+    inside = (np.array(item["t"]) >= 50.0) & (np.array(item["t"]) <= 51.0)
+    np.testing.assert_allclose(np.array(item["y"])[inside], near, rtol=1e-6)
 
 
 def test_a_spectrum_has_the_amplitude_of_a_sine_and_the_speed_of_the_rotors(tmp_path: Path) -> None:
@@ -96,16 +96,16 @@ def test_a_spectrum_has_the_amplitude_of_a_sine_and_the_speed_of_the_rotors(tmp_
     path.write_text(
         "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\nFMT, 3, 50, IMU, Qf, TimeUS,GyrX\n" + rows
     )
-    (found,) = questions.read_spectra(path, "sine.log", ["IMU.GyrX"], None, None).signals
-    assert isinstance(found, SignalSpectrum)
-    k = int(np.argmax(found.y))
-    assert found.hz[k] == pytest.approx(40.0, abs=0.5)
-    assert np.hypot(*found.y[k : k + 2]) == pytest.approx(0.3, rel=0.25)  # of a line between two frequencies
+    (spectrum,) = questions.read_spectra(path, "sine.log", ["IMU.GyrX"], None, None).signals
+    assert isinstance(spectrum, SignalSpectrum)
+    k = int(np.argmax(spectrum.y))
+    assert spectrum.hz[k] == pytest.approx(40.0, abs=0.5)
+    assert np.hypot(*spectrum.y[k : k + 2]) == pytest.approx(0.3, rel=0.25)  # of a line between two frequencies
     turned = questions.read_spectra(SAMPLE, SAMPLE.name, ["imu.gyro_x", "IMU.Nothing"], 40.0, 60.0)
     assert turned.rotors_hz == pytest.approx((98.0, 98.0), abs=6.0)  # the log's ESCs say 5,600 to 6,100 rpm
     assert isinstance(turned.signals[1], NoSignal)
     none = questions.read_spectra(path, "sine.log", ["IMU.GyrX", "IMU.GyrX * 1e300"], 12.0, 11.0)
-    assert [type(each) for each in none.signals] == [NoSignal, NoSignal]
+    assert [type(answer) for answer in none.signals] == [NoSignal, NoSignal]
     (huge,) = questions.read_spectra(path, "sine.log", ["IMU.GyrX * 1e300"], None, None).signals
     assert isinstance(huge, SignalSpectrum)
     assert None in huge.y
@@ -118,12 +118,12 @@ def test_parameters_say_what_was_changed_since_the_flight_before(tmp_path: Path)
         {"ATC_RAT_RLL_P": 0.2, "STAT_FLTTIME": 90, "NEW": 2},
     ]
     paths = [tmp_path / "before.log", tmp_path / "after.log"]
-    for path, each in zip(paths, values, strict=True):
-        each["BROKEN"] = float("inf")
-        path.write_text(head + "".join(f"PARM, {k}, {name}, {each[name]}\n" for k, name in enumerate(each, start=1)))
-    found = questions.list_parameters(paths[1], "after.log", (paths[0], "before.log"))
-    assert found.before == "before.log"
-    rows = [(row.name, row.before, row.changed) for row in found.parameters]
+    for path, value in zip(paths, values, strict=True):
+        value["BROKEN"] = float("inf")
+        path.write_text(head + "".join(f"PARM, {k}, {name}, {value[name]}\n" for k, name in enumerate(value, start=1)))
+    listing = questions.list_parameters(paths[1], "after.log", (paths[0], "before.log"))
+    assert listing.before == "before.log"
+    rows = [(row.name, row.before, row.changed) for row in listing.parameters]
     assert rows == [("ATC_RAT_RLL_P", 0.1, True), ("NEW", None, False), ("STAT_FLTTIME", 10.0, False)]
     assert {row.before for row in questions.list_parameters(paths[1], "after.log", None).parameters} == {None}
 

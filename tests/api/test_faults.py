@@ -150,9 +150,9 @@ def test_workers_elsewhere_do_the_work_and_may_die(elsewhere: dict[str, str], tm
         second = start_worker(tmp_path / "second", elsewhere)
         wait_until(lambda: set(states()) == {"done"}, pause=0.3)
         for address in analyses:
-            found = service.client.get(address, params={"include": "report"}).json()
-            assert found["report"]["bytes"] == 6
-            assert service.client.get(found["links"]["rmse.csv"]).text.startswith("flight,x,y,z")
+            answer = service.client.get(address, params={"include": "report"}).json()
+            assert answer["report"]["bytes"] == 6
+            assert service.client.get(answer["links"]["rmse.csv"]).text.startswith("flight,x,y,z")
         # Told to stop, a worker gives back what it works on, and it counts as not begun.
         _, address = ordered(service.client, b"hang")
         wait_until(lambda: told(service.client, address, "state") == "running")

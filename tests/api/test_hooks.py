@@ -72,11 +72,11 @@ def test_what_only_the_service_can_reach_is_refused(url: str) -> None:
 def test_a_name_that_leads_inside_is_refused_when_it_is_used(monkeypatch: pytest.MonkeyPatch, private: str) -> None:
     """Every address of the name counts: whoever owns it may list a public one first."""
     kind = socket.AF_INET6 if ":" in private else socket.AF_INET
-    found = [(socket.AF_INET, 1, 6, "", ("93.184.216.34", 443)), (kind, 1, 6, "", (private, 443))]
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
+    addresses = [(socket.AF_INET, 1, 6, "", ("93.184.216.34", 443)), (kind, 1, 6, "", (private, 443))]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: addresses)
     with pytest.raises(ForbiddenAddressError):
         resolve("rebound.example.org", 443, Webhooks.PUBLIC)
-    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found[:1])
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: addresses[:1])
     assert resolve("rebound.example.org", 443, Webhooks.PUBLIC) == "93.184.216.34"
 
 

@@ -76,8 +76,8 @@ def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folde
         ("get_health", {"flight": "none of ours"}),
     )
     # 1 Which flights are there? 2 Of how many craft?
-    assert {each["name"] for each in listed["flights"]} == {octa, quad}
-    assert [each["flights"] for each in crafts["craft"]] == [1, 1]
+    assert {flight["name"] for flight in listed["flights"]} == {octa, quad}
+    assert [craft["flights"] for craft in crafts["craft"]] == [1, 1]
     # 3 How far did it fly, was it healthy?
     lines = truth[octa]["answer"]["lines"]
     assert [(q["value"], q["sigma"], q["unit"]) for q in first["answers"]] == [
@@ -86,31 +86,31 @@ def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folde
     # 4 What is its thrust over mass, by which method, from which seconds of which log?
     rows = {(q["name"], q["provenance"]["method"]): q for q in known["parameters"]}
     for row in truth[octa]["parameters"]:
-        found = rows[row["parameter"], row["method"]]
-        assert (found["value"], found["sigma"], found["unit"]) == (row["value"], row["sigma"], row["unit"])
-        assert found["provenance"]["log"] == f"{octa}.bin"
-        assert found["provenance"]["start_s"] == truth[octa]["flight"]["start_s"]
-        assert (found["value"] is None) == found["reason"].startswith("not determined")
+        stated = rows[row["parameter"], row["method"]]
+        assert (stated["value"], stated["sigma"], stated["unit"]) == (row["value"], row["sigma"], row["unit"])
+        assert stated["provenance"]["log"] == f"{octa}.bin"
+        assert stated["provenance"]["start_s"] == truth[octa]["flight"]["start_s"]
+        assert (stated["value"] is None) == stated["reason"].startswith("not determined")
     # 5 How far up does each axis follow its target? 6 What are its margins, where no chirp was flown?
     for name, answer in ((quad, margins), (octa, none)):
         for axis in truth[name]["rotation"]["axes"]:
             said = {q["name"]: q for q in answer["margins"]}
             if axis["attitude"] is not None:
-                found, told = said[f"{axis['axis']} attitude bandwidth"], axis["attitude"]["bandwidth"]
-                assert (found["value"], found["sigma"], found["unit"]) == (told["value"], told["sigma"], told["unit"])
+                stated, bandwidth = said[f"{axis['axis']} attitude bandwidth"], axis["attitude"]["bandwidth"]
+                assert all(stated[part] == bandwidth[part] for part in ("value", "sigma", "unit"))
             if axis["loop"] is None:
                 assert said[f"{axis['axis']} margins"]["value"] is None
                 assert said[f"{axis['axis']} margins"]["reason"].startswith("not determined: ")
     assert any(q["value"] is not None for q in none["margins"])
     # 7 What happened, and when?
-    told = [(e["id"], e["t_s"]) for e in events["events"] if e["t_s"] is not None]
-    assert told == [(e["id"], e["t"]) for e in truth[octa]["account"]["happenings"]]
+    happened = [(e["id"], e["t_s"]) for e in events["events"] if e["t_s"] is not None]
+    assert happened == [(e["id"], e["t"]) for e in truth[octa]["account"]["happenings"]]
     # 8 How far ahead does which model predict?
     horizons = {q["name"]: q["value"] for q in ahead["predictions"] if q["name"].endswith(": horizon")}
     assert horizons == {f"{m['title']}: horizon": m["uses"]["prediction"]["horizon_s"] for m in truth[octa]["models"]}
     # 9 Does the craft change? One flight cannot tell. 10 What to fly next?
     assert changes["changes"] == []
-    assert {each["id"] for each in advice["advice"]} == {each["id"] for each in truth[octa]["advice"]}
+    assert {item["id"] for item in advice["advice"]} == {item["id"] for item in truth[octa]["advice"]}
     assert compared["parameters"] == "not determined" or all("difference" in row for row in compared["parameters"])
     assert "there is no flight 'none of ours'" in unknown
 
@@ -122,10 +122,10 @@ def test_the_same_questions_over_http(tmp_path: Path) -> None:
             client.post(
                 "/api/v1/logs", params={"analyze": True}, files={"file": (f"flight{day}.bin", flights.log(day))}
             ).raise_for_status()
-        found = client.get("/api/v1/questions/flights", params={"text": "1"}).json()
-        assert ([each["name"] for each in found["flights"]], found["total"]) == (["flight1"], 1)
+        listing = client.get("/api/v1/questions/flights", params={"text": "1"}).json()
+        assert ([flight["name"] for flight in listing["flights"]], listing["total"]) == (["flight1"], 1)
         answers = client.get("/api/v1/questions/answers", params={"flight": "flight1"}).json()["answers"]
-        assert [each["name"] for each in answers] == ["Happened: yes"]
+        assert [answer["name"] for answer in answers] == ["Happened: yes"]
         nothing = client.get("/api/v1/questions/parameters", params={"flight": "flight1"}).json()["parameters"]
         assert nothing[0]["reason"].startswith("not determined")
         answer = client.get("/api/v1/questions/margins", params={"flight": "another"})
@@ -147,7 +147,7 @@ def test_lists_count_what_they_leave_out(tmp_path: Path) -> None:
             return len(answer["flights"]), answer["total"]
 
         craft = client.get("/api/v1/questions/craft").json()["craft"]
-        assert sorted(each["flights"] for each in craft) == [6, 6]
+        assert sorted(group["flights"] for group in craft) == [6, 6]
         assert listed(limit=5) == (5, 12)
         assert listed(text="flight1") == (3, 3)
         assert listed(text="%") == (0, 0)
@@ -165,10 +165,10 @@ def test_a_folder_is_read_again_when_it_changes(tmp_path: Path) -> None:
 
     write("first", "yes")
     with open_folder(tmp_path) as tools:
-        assert [each.happened for each in tools.list_flights().flights] == ["yes"]
+        assert [flight.happened for flight in tools.list_flights().flights] == ["yes"]
         write("first", "mostly")
         write("second", "no")
-        assert {each.name: each.happened for each in tools.list_flights().flights} == {
+        assert {flight.name: flight.happened for flight in tools.list_flights().flights} == {
             "first": "mostly",
             "second": "no",
         }

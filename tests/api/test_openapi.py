@@ -32,8 +32,8 @@ def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
 
 @pytest.fixture(scope="module")
 def document(service: httpx.Client) -> dict[str, Any]:
-    found: dict[str, Any] = service.get("/openapi.json").json()
-    return found
+    answer: dict[str, Any] = service.get("/openapi.json").json()
+    return answer
 
 
 def test_the_document_is_valid(document: dict[str, Any]) -> None:
@@ -69,8 +69,8 @@ def test_a_generated_client_asks_a_running_service(
     show_flights = importlib.import_module("rotorid_client.api.craft.list_flights_api_v1_crafts_craft_id_flights_get")
     with generated.Client(base_url=str(service.base_url), raise_on_unexpected_status=True) as client:
         crafts = list_crafts.sync(client=client).items
-        found = {flight.name: craft for craft in crafts for flight in show_flights.sync(craft.id, client=client)}
-        assert found["client"].health == "yes"
+        craft_of = {flight.name: craft for craft in crafts for flight in show_flights.sync(craft.id, client=client)}
+        assert craft_of["client"].health == "yes"
         assert show_flights.sync_detailed("0" * 32, client=client).status_code == HTTPStatus.NOT_FOUND
 
 
@@ -82,9 +82,9 @@ def test_nothing_breaks_and_everything_is_as_documented(
     import schemathesis  # here, for every worker reads this file and one of them runs this test
     from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-    before = {each["id"] for each in service.get("/api/v1/crafts").json()["items"]}  # what another test flew
+    before = {craft["id"] for craft in service.get("/api/v1/crafts").json()["items"]}  # what another test flew
     done = upload(service, flights.log(0, trust="yes")).json()
-    (craft,) = [each for each in service.get("/api/v1/crafts").json()["items"] if each["id"] not in before]
+    (craft,) = [craft for craft in service.get("/api/v1/crafts").json()["items"] if craft["id"] not in before]
     note = service.post(f"{craft['links']['self']}/notes", json={"text": "new ESC"}).json()
     hook = service.post("/api/v1/hooks", json={"url": "https://ops.example.org/"}).json()
     shared = service.post(f"/api/v1/analyses/{done['id']}/shares").json()["api"].rpartition("/")[2]

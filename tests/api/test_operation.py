@@ -178,8 +178,8 @@ def test_lines_for_programs_are_json_and_keep_secrets() -> None:
         assert HideSecrets().filter(record)
         written = JsonLines().format(record)
         assert "\n" not in written
-        found: dict[str, object] = json.loads(written)
-        return found
+        fields: dict[str, object] = json.loads(written)
+        return fields
 
     request = line("uvicorn.access", '%s - "%s %s HTTP/%s" %d', "1.2.3.4:5", "GET", "/shared/SECRET/x?y=1", "1.1", 200)
     assert (request["method"], request["path"], request["status"]) == ("GET", "/shared/.../x?y=1", 200)

@@ -38,8 +38,8 @@ def flight(word: str, tone: str, day: str | None = "2026-03-14T09:00:00+00:00") 
 def test_of_several_flights_the_worst_counts(tmp_path: Path) -> None:
     flights = [flight("yes", "good"), flight("no", "bad", "2026-01-02T00:00:00+00:00"), flight("mostly", "care", None)]
     (tmp_path / "report.json").write_text(as_json(made(FleetReport, flights=flights)))
-    found = read_outcome(tmp_path)
-    assert found == Outcome(craft="ArduCopter octa plus", flown="2026-01-02", happened="no.", health="no", tone="bad")
+    outcome = read_outcome(tmp_path)
+    assert outcome == Outcome(craft="ArduCopter octa plus", flown="2026-01-02", happened="no.", health="no", tone="bad")
 
 
 @pytest.mark.parametrize(
@@ -77,8 +77,8 @@ def test_two_flights_are_fitted_jointly_from_what_they_handed_over(tmp_path: Pat
     assert {"report.html", "report.json", "models.json", "models.mat", "craft.json", "sitl_frame.json"} <= {
         path.name for path in results.iterdir()
     }, (results / "report.json").read_text("utf-8")[:4000]
-    found = read_outcome(results)
-    assert (found.craft, found.trust in ("yes", "limited", "no")) == ("ArduCopter octa plus", True)
+    outcome = read_outcome(results)
+    assert (outcome.craft, outcome.trust in ("yes", "limited", "no")) == ("ArduCopter octa plus", True)
 
 
 def test_products_are_kept_and_places_on_the_server_are_not(tmp_path, monkeypatch):
@@ -90,9 +90,9 @@ def test_products_are_kept_and_places_on_the_server_are_not(tmp_path, monkeypatc
         log.parent.mkdir(parents=True)
         log.write_text(f"octa {number}")
         logs.append((log, log.name))
-    told = []
+    fractions = []
     results = tmp_path / "results"
-    analyze_logs(Task(logs, {"poles": 1, "zeros": 0}, results), lambda stage, fraction: told.append(fraction))
+    analyze_logs(Task(logs, {"poles": 1, "zeros": 0}, results), lambda stage, fraction: fractions.append(fraction))
     files = {path.relative_to(results).as_posix() for path in results.rglob("*") if path.is_file()}
     assert {"report.html", "report.json", "models.json", "rmse.csv"} <= files
     assert {f"flights/flight{number}/report.html" for number in (1, 2)} <= files
@@ -103,7 +103,7 @@ def test_products_are_kept_and_places_on_the_server_are_not(tmp_path, monkeypatc
     assert not [name for name in files if name.rpartition("/")[2].startswith((".", "entry", "manifest"))]
     numbers = json.loads((results / "report.json").read_text("utf-8"))
     assert [flight["name"] for flight in numbers["flights"]] == ["flight1", "flight2"]
-    assert told == sorted(told)
+    assert fractions == sorted(fractions)
 
 
 def test_gains_come_from_all_flights_with_chirps_or_the_newest_that_supports_some_alone(tmp_path, monkeypatch):
@@ -135,10 +135,10 @@ def test_gains_come_from_all_flights_with_chirps_or_the_newest_that_supports_som
             (tmp_path / "flights" / entry.folder).mkdir(parents=True, exist_ok=True)
         worker._propose_of_crafts(entries, tmp_path)
         files = list(tmp_path.rglob("proposed.param"))
-        found = {file.parent.name: file.read_text("utf-8") for file in files}
+        texts = {file.parent.name: file.read_text("utf-8") for file in files}
         for file in files:
             file.unlink()
-        return found
+        return texts
 
     assert proposed("a-1", "a-2", "calm", "gone") == {"f1": "a-2+a-1"}
     assert proposed("a-1", "b-2", "weak") == {"f1": "b-2"}

@@ -69,7 +69,7 @@ def test_htmx_comes_from_us(service: httpx.Client) -> None:
 def test_buttons_work_without_scripts(service: httpx.Client, upload: Upload) -> None:
     page = upload(service, b"good buttons").json()["links"]["page"]
     shared = service.post(f"{page}/share", data={"days": "7"}).text
-    link = next(each["value"] for each in Outline(shared).all("input") if each.get("id") == "link") or ""
+    link = next(field["value"] for field in Outline(shared).all("input") if field.get("id") == "link") or ""
     assert Outline(service.get(link).text).all("iframe")[0]["title"] == "Report on flight.bin"
     assert "taken back" in service.post(f"{page}/unshare").text
     assert service.get(link, headers={"Accept": "text/html"}).status_code == 404

@@ -59,25 +59,25 @@ def test_a_sample_log_becomes_models_report_and_tables(server: httpx.Client) -> 
     order = {"log": log["id"], "configuration": {"poles": 1, "zeros": 0}}
     address = server.post("/api/v1/analyses", json=order).headers["Location"]
     wait_until(lambda: bool(server.get(address).json()["ended"]))
-    found = server.get(address, params={"include": ["report", "models"]}).json()
-    assert found["report"]["log"]["file"] == found["log"]["name"] == SAMPLE.name
-    texts = {name: server.get(found["links"][name]).text for name in ("report.html", "report.json", "models.json")}
-    assert found["report"] == json.loads(texts["report.json"])
-    assert found["models"] == json.loads(texts["models.json"])
+    answer = server.get(address, params={"include": ["report", "models"]}).json()
+    assert answer["report"]["log"]["file"] == answer["log"]["name"] == SAMPLE.name
+    texts = {name: server.get(answer["links"][name]).text for name in ("report.html", "report.json", "models.json")}
+    assert answer["report"] == json.loads(texts["report.json"])
+    assert answer["models"] == json.loads(texts["models.json"])
     assert SAMPLE.stem in texts["report.html"]
-    rmse = server.get(found["links"]["rmse.csv"]).text
-    for row, reported in zip(csv.DictReader(io.StringIO(rmse)), found["report"]["rmse"], strict=True):
+    rmse = server.get(answer["links"]["rmse.csv"]).text
+    for row, reported in zip(csv.DictReader(io.StringIO(rmse)), answer["report"]["rmse"], strict=True):
         assert row["part"] in ("training", "held-out")
         for axis in "xyz":
             assert float(row[f"rmse_{axis}_m"]) == reported["rmse_m"][axis] > 0.0
     for text in (*texts.values(), rmse):
         assert log["id"] not in text
         assert "/logs/" not in text
-    assert {"tables/imu.parquet", "tables/gps.parquet", "tables/attitude.parquet"} <= set(found["files"])
-    motors = pd.read_parquet(io.BytesIO(server.get(found["links"]["tables/motors.parquet"]).content))
+    assert {"tables/imu.parquet", "tables/gps.parquet", "tables/attitude.parquet"} <= set(answer["files"])
+    motors = pd.read_parquet(io.BytesIO(server.get(answer["links"]["tables/motors.parquet"]).content))
     assert motors["t"].is_monotonic_increasing
     assert {"m1", "m8"} <= set(motors.columns)
-    assert server.get(found["links"]["models.mat"]).content[:6] == b"MATLAB"
+    assert server.get(answer["links"]["models.mat"]).content[:6] == b"MATLAB"
 
 
 def test_the_server_itself_does_not_load_the_numerical_packages() -> None:

@@ -129,8 +129,8 @@ def test_a_storage_that_fails_is_told_and_nothing_is_half_done(s3: str, tmp_path
 
 
 def run(data: Path, *arguments: str, **settings: str) -> tuple[int, str]:
-    found = CliRunner().invoke(command_line, list(arguments), env={"ROTORID_DATA": str(data), **settings})
-    return found.exit_code, f"{found.output}{found.exception or ''}"
+    result = CliRunner().invoke(command_line, list(arguments), env={"ROTORID_DATA": str(data), **settings})
+    return result.exit_code, f"{result.output}{result.exception or ''}"
 
 
 @pytest.mark.slow
@@ -168,7 +168,7 @@ def test_everything_comes_back_from_one_file(tmp_path: Path, kind: str) -> None:
 
 def _seen(client: httpx.Client, craft: str) -> list[object]:
     analyses = client.get("/api/v1/analyses").json()["items"]
-    files = [client.get(each["links"]["report.json"]).content for each in analyses]
+    files = [client.get(analysis["links"]["report.json"]).content for analysis in analyses]
     return [analyses, files, client.get("/api/v1/logs").json(), client.get(f"/api/v1/crafts/{craft}").json()]
 
 
@@ -204,8 +204,12 @@ def test_a_database_of_the_first_version_is_brought_up_to_date_with_its_data(tmp
     (tmp_path / "objects" / "logs").mkdir(parents=True)
     (tmp_path / "objects" / "logs" / log).write_bytes(flights.log(0))
     with served(data=tmp_path, workers=1, analyze=flights.analyze) as client:
-        found = client.get(f"/api/v1/analyses/{analysis}").json()
-        assert (found["configuration"], found["state"], found["log"]["name"]) == ({"poles": 4}, "cancelled", "old.bin")
+        answer = client.get(f"/api/v1/analyses/{analysis}").json()
+        assert (answer["configuration"], answer["state"], answer["log"]["name"]) == (
+            {"poles": 4},
+            "cancelled",
+            "old.bin",
+        )
         assert client.get("/api/v1/crafts").json()["items"] == []
         assert client.get(f"/analyses/{analysis}").status_code == 200
         assert client.delete(f"/api/v1/logs/{log}").status_code == 204

@@ -61,7 +61,9 @@ def given() -> tuple[set[str], set[str]]:
         if isinstance(identity, ast.Constant):
             names.add(str(identity.value))
         elif isinstance(identity, ast.IfExp):
-            names |= {str(each.value) for each in (identity.body, identity.orelse) if isinstance(each, ast.Constant)}
+            names |= {
+                str(branch.value) for branch in (identity.body, identity.orelse) if isinstance(branch, ast.Constant)
+            }
         elif isinstance(identity, ast.JoinedStr):
             parts = (re.escape(part.value) if isinstance(part, ast.Constant) else "[a-z-]+" for part in identity.values)
             patterns.add("".join(map(str, parts)))
@@ -74,7 +76,11 @@ def given() -> tuple[set[str], set[str]]:
 @cache
 def explained() -> dict[str, frozenset[str]]:
     """Severities of each finding of the catalogue."""
-    return {each.id: frozenset(each.severities) for section in read_catalogue().sections for each in section.findings}
+    return {
+        finding.id: frozenset(finding.severities)
+        for section in read_catalogue().sections
+        for finding in section.findings
+    }
 
 
 def test_every_finding_is_explained():
@@ -85,7 +91,7 @@ def test_every_finding_is_explained():
 
 def test_nothing_is_explained_that_no_package_raises():
     names, patterns = given()
-    stale = {name for name in set(explained()) - names if not any(re.fullmatch(each, name) for each in patterns)}
+    stale = {name for name in set(explained()) - names if not any(re.fullmatch(pattern, name) for pattern in patterns)}
     assert stale == set(), "take these out of core/findings.toml"
 
 
@@ -107,5 +113,5 @@ def test_the_page_is_made_from_the_catalogue():
 
 
 def test_no_finding_is_listed_twice():
-    names = [each.id for section in read_catalogue().sections for each in section.findings]
+    names = [finding.id for section in read_catalogue().sections for finding in section.findings]
     assert {name for name in names if names.count(name) > 1} == set()

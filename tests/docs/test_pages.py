@@ -25,12 +25,12 @@ def named(name):
     parts = name.split(".")
     for end in range(len(parts), 0, -1):
         try:
-            found = import_module(".".join(parts[:end]))
+            module = import_module(".".join(parts[:end]))
         except ModuleNotFoundError:
             continue
         for part in parts[end:]:
-            found = getattr(found, part)
-        return found
+            module = getattr(module, part)
+        return module
     raise AssertionError(name)
 
 
@@ -51,7 +51,7 @@ def test_every_command_is_there():
 @pytest.mark.parametrize("words", SHOWN)
 def test_every_option_exists(words):
     name, *arguments = shlex.split(words)
-    options = {option for each in COMMANDS[name].params for option in (*each.opts, *each.secondary_opts)}
+    options = {option for param in COMMANDS[name].params for option in (*param.opts, *param.secondary_opts)}
     assert {word for word in arguments if word.startswith("--")} <= options
 
 

@@ -138,9 +138,9 @@ def test_matched_scale_finds_how_noisy_a_sensor_is(problem):
     """Told that the GPS velocity is four times as good as it is, the innovations tell the truth (variance 16 times)."""
     o = problem.observations
     boast = np.where(o.scalar_kind == _kernels.GPS_VELOCITY, o.variance / 16.0, o.variance)
-    told = replace(problem, observations=replace(o, variance=boast))
-    told = replace(told, white_scale=matched_scale(told, run(told)))
-    scale = matched_scale(told, run(told))[_kernels.GPS_VELOCITY]
+    boasting = replace(problem, observations=replace(o, variance=boast))
+    boasting = replace(boasting, white_scale=matched_scale(boasting, run(boasting)))
+    scale = matched_scale(boasting, run(boasting))[_kernels.GPS_VELOCITY]
     # 24 s hold 360 innovations: the median of their squares is known to a tenth or so.
     assert 10.0 < scale < 25.0
 
@@ -188,8 +188,10 @@ def test_pieces_do_not_show(monkeypatch, smooth):
     np.testing.assert_allclose(
         pieces.diagnostics["log_likelihood"], whole.diagnostics["log_likelihood"], rtol=0.0, atol=0.5
     )
-    found, known = pieces.diagnostics["innovations"], whole.diagnostics["innovations"]
-    assert {name: row["count"] for name, row in found.items()} == {name: row["count"] for name, row in known.items()}
+    in_pieces, known = pieces.diagnostics["innovations"], whole.diagnostics["innovations"]
+    assert {name: row["count"] for name, row in in_pieces.items()} == {
+        name: row["count"] for name, row in known.items()
+    }
 
 
 def test_spline_is_scipys():

@@ -69,7 +69,7 @@ def gained(height: pd.Series, takeoff: float, landing: float) -> float:
 @pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/logs/real")
 def test_heights_of_real_flights_are_those_that_were_read():
     """Within 1.1 m or 10 % of the barometer, which the readings call credible; it was off by up to 70 %."""
-    found, estimated = {}, {}
+    measured, estimated = {}, {}
     for file, number, takeoff, landing, read in read_heights():
         if file not in estimated:
             estimated[file] = estimate(read_log(REAL / file).tables)
@@ -78,9 +78,9 @@ def test_heights_of_real_flights_are_those_that_were_read():
         if not (height.index[0] < takeoff and landing < height.index[-1] + 5.0) or result.inconsistency:
             continue
         off = gained(height, takeoff, landing) - read
-        found[file, number] = abs(off) < max(1.1, 0.1 * read)
-    assert len(found) > 18
-    assert {case for case, right in found.items() if not right} <= BEYOND
+        measured[file, number] = abs(off) < max(1.1, 0.1 * read)
+    assert len(measured) > 18
+    assert {case for case, right in measured.items() if not right} <= BEYOND
 
 
 def test_a_craft_whose_accelerometer_errs_as_it_flies_is_as_unknown_as_it_is_without_gps():

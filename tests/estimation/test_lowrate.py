@@ -91,9 +91,9 @@ def test_a_receiver_that_contradicts_itself_is_named(telemetry):
     gps = telemetry.gps.copy()
     for column in ("v_n", "v_e", "v_d"):
         gps[column] += rng.normal(0.0, 4.0 * gps["s_acc"].to_numpy(), len(gps))
-    found = [f for f in estimate(replace(telemetry, gps=gps), rate=10.0).findings if f.id == "sensor-doubtful"]
-    assert [f.evidence["sensor"] for f in found] == ["gps_position"]
-    assert found[0].evidence["nis"] > 2.0
+    findings = [f for f in estimate(replace(telemetry, gps=gps), rate=10.0).findings if f.id == "sensor-doubtful"]
+    assert [f.evidence["sensor"] for f in findings] == ["gps_position"]
+    assert findings[0].evidence["nis"] > 2.0
 
 
 def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):

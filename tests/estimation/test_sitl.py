@@ -67,8 +67,8 @@ def test_telemetry_is_near_the_truth_of_the_matching_log(name):
     acceleration[:, 2] += STANDARD_GRAVITY
     velocity = truth[["v_n", "v_e", "v_d"]].dropna()
     true = np.gradient(velocity.to_numpy(), velocity.index.to_numpy(), axis=0)
-    found = np.column_stack([np.interp(velocity.index, states.index, column) for column in acceleration.T])
-    assert np.sqrt(np.mean((found - true) ** 2, axis=0)).max() < 0.17
+    differences = np.column_stack([np.interp(velocity.index, states.index, column) for column in acceleration.T])
+    assert np.sqrt(np.mean((differences - true) ** 2, axis=0)).max() < 0.17
 
 
 @pytest.mark.slow

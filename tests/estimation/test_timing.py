@@ -55,8 +55,8 @@ def test_noise_density_is_that_of_the_noise(cutoff, rate):
         noise = lfilter(b, a, noise, axis=0)
     values = noise[:: round(fine / rate)]
     t = np.arange(len(values)) / rate
-    found = np.sqrt(noise_density(t, values, (cutoff, cutoff), (1e-6, 1e-6)))
-    np.testing.assert_allclose(np.median(found, axis=0), density, rtol=0.2)
+    sigma = np.sqrt(noise_density(t, values, (cutoff, cutoff), (1e-6, 1e-6)))
+    np.testing.assert_allclose(np.median(sigma, axis=0), density, rtol=0.2)
 
 
 def test_movement_that_is_too_fast_for_the_sampling_does_not_count_as_lasting_noise():
@@ -68,10 +68,10 @@ def test_movement_that_is_too_fast_for_the_sampling_does_not_count_as_lasting_no
     steps = np.repeat(rng.uniform(-1.0, 1.0, (20, 6)) * np.repeat([1.0, 5.0], 3), int(5 * fine), axis=0)
     b, a = butter(2, 20.0, fs=fine)
     values = lfilter(b, a, noise + steps, axis=0)[:: round(fine / rate)]
-    found = noise_density(np.arange(len(values)) / rate, values, (20.0, 20.0), (1e-6, 1e-6))
-    np.testing.assert_allclose(np.median(found, axis=0), density**2, rtol=0.2)
+    measured = noise_density(np.arange(len(values)) / rate, values, (20.0, 20.0), (1e-6, 1e-6))
+    np.testing.assert_allclose(np.median(measured, axis=0), density**2, rtol=0.2)
     # What the steps alias to is added where they are; all of their misfit would be ten times as much.
-    assert (found.mean(axis=0) < 2.5 * density**2).all()
+    assert (measured.mean(axis=0) < 2.5 * density**2).all()
 
 
 ZURICH = Geodetic(np.radians(47.4), np.radians(8.5), 480.0)
@@ -124,9 +124,9 @@ def test_world_field_has_the_published_value():
     field = world_field(Geodetic(np.radians(80.0), 0.0, 0.0), {}, datetime(2020, 1, 1, tzinfo=UTC))
     np.testing.assert_allclose(field.ned * 1e9, [6570.4, -146.3, 54606.0], atol=1.0)
     assert field.declination_source == "WMM"
-    told = world_field(ZURICH, {"COMPASS_DEC": 0.05}, None)
-    assert np.arctan2(told.ned[1], told.ned[0]) == pytest.approx(0.05)
-    assert told.declination_source == "COMPASS_DEC"
+    declined = world_field(ZURICH, {"COMPASS_DEC": 0.05}, None)
+    assert np.arctan2(declined.ned[1], declined.ned[0]) == pytest.approx(0.05)
+    assert declined.declination_source == "COMPASS_DEC"
 
 
 def test_the_simulator_of_the_firmware_has_the_field_of_the_autopilots_tables():
@@ -140,7 +140,7 @@ def test_the_simulator_of_the_firmware_has_the_field_of_the_autopilots_tables():
     sides = [world_field(Geodetic(corner.lat, np.radians(lon), 0.0), simulated, None).ned for lon in (10.0, 20.0)]
     middle = world_field(Geodetic(corner.lat, np.radians(15.0), 0.0), simulated, None).ned
     assert np.linalg.norm(middle) == pytest.approx(np.mean([np.linalg.norm(side) for side in sides]), rel=1e-6)
-    told = world_field(ZURICH, {**simulated, "COMPASS_DEC": 0.05}, datetime(2026, 1, 1, tzinfo=UTC))
-    assert np.arctan2(told.ned[1], told.ned[0]) == pytest.approx(0.05)
+    field = world_field(ZURICH, {**simulated, "COMPASS_DEC": 0.05}, datetime(2026, 1, 1, tzinfo=UTC))
+    assert np.arctan2(field.ned[1], field.ned[0]) == pytest.approx(0.05)
     for pole in (-90.0, 90.0):
         assert np.isfinite(world_field(Geodetic(np.radians(pole), np.pi, 0.0), simulated, None).ned).all()

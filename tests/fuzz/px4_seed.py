@@ -60,10 +60,10 @@ def _named(kind: str, key: str, value: bytes) -> bytes:
 
 
 def _row(fields: str, row: int) -> bytes:
-    found = b""
+    written = b""
     for field in fields.rstrip(";").split(";"):
         kind, _, count = field.split(" ")[0].partition("[")
         value = 0.1 + 0.01 * row if "output" not in field else 1500.0 + row
         number = value if kind == "float" else bool(row % 2) if kind == "bool" else (row * 1000) % 250
-        found += struct.pack(f"<{int(count.rstrip(']') or 1)}{_CODES[kind]}", *[number] * int(count.rstrip("]") or 1))
-    return found
+        written += struct.pack(f"<{int(count.rstrip(']') or 1)}{_CODES[kind]}", *[number] * int(count.rstrip("]") or 1))
+    return written

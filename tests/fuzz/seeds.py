@@ -40,10 +40,10 @@ def draw(ending: str, rng: np.random.Generator) -> bytes:
         return seeds()[ending]
     if ending == "ulg":
         return px4_log(int(rng.integers(2, 120)))
-    found = sorted((ROOT / "sample_logs").glob("*.tlog" if ending == "tlog" else "*.bin"))
-    path = found[int(rng.integers(len(found)))]
+    logs = sorted((ROOT / "sample_logs").glob("*.tlog" if ending == "tlog" else "*.bin"))
+    path = logs[int(rng.integers(len(logs)))]
     if ending == "log":
-        return _as_text(found[int(rng.integers(3))])
+        return _as_text(logs[int(rng.integers(3))])
     whole = _read(path) if ending == "bin" or rng.random() < 0.7 else _unstamped(path)
     if rng.integers(_WHOLE) == 0 and len(whole) < 2_000_000:
         return whole

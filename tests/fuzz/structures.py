@@ -158,8 +158,8 @@ def _ulog_count(data: bytearray, rng: np.random.Generator) -> None:
     """Change the number of elements in a format."""
     span = _message(data, rng, "F")
     text = bytes(data[span.start + 3 : span.stop])
-    if found := list(re.finditer(rb"(\[)(\d*)(\])|( )", text)):
-        at = found[int(rng.integers(len(found)))]
+    if matches := list(re.finditer(rb"(\[)(\d*)(\])|( )", text)):
+        at = matches[int(rng.integers(len(matches)))]
         count = _pick(_COUNTS, rng)
         _replace(data, span, text[: at.start()] + b"[" + count + (b"]" if at[1] else b"] ") + text[at.end() :])
 
@@ -205,7 +205,7 @@ def _ulog_subscription(data: bytearray, rng: np.random.Generator) -> None:
 
 def _archive_header(data: bytearray, rng: np.random.Generator) -> None:
     """Change a size, count, offset or method in a header of a zip archive."""
-    places = [found.start() for found in re.finditer(rb"PK(?:\x01\x02|\x03\x04|\x05\x06)", bytes(data))]
+    places = [match.start() for match in re.finditer(rb"PK(?:\x01\x02|\x03\x04|\x05\x06)", bytes(data))]
     if places:
         at = places[int(rng.integers(len(places)))]
         _number(data, at + 4 + 2 * int(rng.integers(21)), int(rng.choice((2, 4))), rng)
@@ -245,7 +245,7 @@ def _matlab_tag(data: bytearray, rng: np.random.Generator) -> None:
 
 
 def _yaml_value(data: bytearray, rng: np.random.Generator) -> None:
-    places = [found.span(1) for found in re.finditer(rb"[:,\[{] ?([^,:\]}\n]+)", bytes(data))]
+    places = [match.span(1) for match in re.finditer(rb"[:,\[{] ?([^,:\]}\n]+)", bytes(data))]
     if places:
         start, stop = places[int(rng.integers(len(places)))]
         data[start:stop] = _pick(_YAML, rng)

@@ -44,11 +44,11 @@ BASE, BEGIN, PLACES = base_log(300)
 
 
 def serials(source: DataflashSource) -> set[int]:
-    found: set[int] = set()
+    offsets: set[int] = set()
     for boot in source.boots:
         for name in {"AA", "BB", "CC", "DD"} & set(source.counts(boot)):
-            found.update(source.decode(name, boot)["F1"].tolist())
-    return found
+            offsets.update(source.decode(name, boot)["F1"].tolist())
+    return offsets
 
 
 def read_or_refuse(data: bytes) -> DataflashSource | None:
@@ -122,7 +122,7 @@ def test_a_log_without_its_beginning_says_so() -> None:
     log, begin, _ = base_log(40)
     with pytest.raises(RotoridError, match="beginning"):
         DataflashSource(log[begin:])
-    (finding,) = (each for each in DataflashSource(log[100:]).findings if each.id == "message-layout")
+    (finding,) = (finding for finding in DataflashSource(log[100:]).findings if finding.id == "message-layout")
     assert finding.severity is Severity.ERROR
 
 

@@ -173,8 +173,8 @@ def test_contradictory_format_is_ignored_until_used() -> None:
         used = DataflashSource(FMT.pack() + odd + plain + stamped(1, 1, b"\x07") + message + stamped(1, 7, b"\x08"))
         assert used.decode("X", used.boots[0])["A"].tolist() == [7, 8]
         assert used.decode("ODD", used.boots[0])["A"].tolist() == [value]
-        (told,) = used.findings
-        assert (told.id, "declare" in told.reason) == ("message-layout", True)
+        (finding,) = used.findings
+        assert (finding.id, "declare" in finding.reason) == ("message-layout", True)
 
 
 def test_labels_and_format_characters_that_do_not_match_in_number() -> None:
@@ -258,8 +258,8 @@ def test_a_file_of_nothing_but_redefinitions_stays_within_bounds() -> None:
     frame = source.decode("X", source.boots[0])
     assert frame.size < 8_000_000 + sum(map(len, data))
     assert len(frame) > 0
-    (told,) = [finding for finding in source.findings if finding.id == "file-damaged"]
-    assert "changes more often" in told.reason
+    (damage,) = [finding for finding in source.findings if finding.id == "file-damaged"]
+    assert "changes more often" in damage.reason
     assert time.process_time() - begun < 60.0
 
 

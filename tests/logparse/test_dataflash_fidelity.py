@@ -31,10 +31,10 @@ def index_by_pymavlink(path: Path) -> tuple[dict[int, npt.NDArray[np.int64]], di
     size = path.stat().st_size
     formats = dict(reader.formats)
     offsets = {}
-    for message_id, found in enumerate(reader.offsets):
-        if len(found) and message_id in formats:
+    for message_id, offset in enumerate(reader.offsets):
+        if len(offset) and message_id in formats:
             # pymavlink lists a message that the end of the file cuts short, and fails when asked for it.
-            offsets[message_id] = np.array([o for o in found if o + formats[message_id].len <= size], np.int64)
+            offsets[message_id] = np.array([o for o in offset if o + formats[message_id].len <= size], np.int64)
     reader.close()
     return offsets, formats
 
@@ -74,15 +74,15 @@ def compare(path: Path) -> dict[str, pd.DataFrame]:
     source = DataflashSource(data.tobytes())
     (boot,) = source.boots
     counts = source.counts(boot)
-    assert counts == {formats[k].name: len(found) for k, found in offsets.items() if len(found)}
+    assert counts == {formats[k].name: len(offset) for k, offset in offsets.items() if len(offset)}
     frames = source.decode_many(counts, boot)
-    for message_id, found in offsets.items():
+    for message_id, offset in offsets.items():
         form = formats[message_id]
-        if not len(found):
+        if not len(offset):
             continue
         frame = frames[form.name]
         assert list(frame.columns) == form.columns
-        rows = data[found[:, None] + np.arange(form.len)]
+        rows = data[offset[:, None] + np.arange(form.len)]
         position = 3
         for name, char in zip(form.columns, form.format, strict=True):
             size = struct.calcsize("<" + DFReader.FORMAT_TO_STRUCT[char][0])

@@ -167,9 +167,9 @@ SCENES = {
 @pytest.mark.parametrize("scene", SCENES)
 def test_flights_are_from_lift_off_to_touch_down(scene):
     log, expected, within = SCENES[scene]
-    found = find_flights(log)
-    assert len(found) == len(expected)
-    for flight, times in zip(found, expected, strict=True):
+    flights = find_flights(log)
+    assert len(flights) == len(expected)
+    for flight, times in zip(flights, expected, strict=True):
         assert (flight.start, flight.stop) == pytest.approx(times, abs=within)
         assert flight.duration == flight.stop - flight.start
 
@@ -180,8 +180,8 @@ def test_a_low_run_is_a_flight_where_its_thrust_is_known_to_carry(output, flight
     hop = np.minimum(0.08 * HEIGHT, 0.8)
     pwm = np.concatenate((PWM, np.where(PWM > 1200, PWM + (output - HOVER) * (PWM - 1150.0) / 350.0, PWM)))
     height = np.concatenate((HEIGHT, hop))
-    found = find_flights(flown(T2, pwm, height, air=(height > 0.05) & ((T2 < 100) | (output == HOVER))))
-    assert len(found) == flights
+    spans = find_flights(flown(T2, pwm, height, air=(height > 0.05) & ((T2 < 100) | (output == HOVER))))
+    assert len(spans) == flights
 
 
 @pytest.mark.parametrize("missing", ["imu", "baro", "motors", "all"])

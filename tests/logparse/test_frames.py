@@ -62,11 +62,13 @@ def test_frames_are_those_of_the_firmware_in_the_loop(name, frame_class, frame_t
         pytest.skip("shared logs are not here")
     truth = json.loads(path.read_text())["truth"]["motors"]
     motors = motor_table(frame_class, frame_type)
-    assert [m.channel for m in motors] == [int(each["servo_output"].removeprefix("RCOU.C")) for each in truth]
-    for motor, each in zip(motors, truth, strict=True):
-        error = motor.angle - math.radians(each["angle_deg_from_front_cw"])
+    assert [m.channel for m in motors] == [
+        int(craft_motor["servo_output"].removeprefix("RCOU.C")) for craft_motor in truth
+    ]
+    for motor, true_motor in zip(motors, truth, strict=True):
+        error = motor.angle - math.radians(true_motor["angle_deg_from_front_cw"])
         assert math.cos(error) == pytest.approx(1.0, abs=1e-9)
-        assert motor.spin == -each["yaw_factor"]
+        assert motor.spin == -true_motor["yaw_factor"]
 
 
 @pytest.mark.parametrize("frame", [("quad", "plus", "plus-rev"), ("quad", "x", "h"), ("octa-quad", "x", "h")])
@@ -162,8 +164,8 @@ def test_motors_and_controllers_count_in_hover_only(copter, winged):
     pd.testing.assert_frame_equal(tables.motors.loc[hover], copter.tables.motors.loc[hover])
     (flight,), (same,) = winged.flights, copter.flights
     assert (flight.start, flight.stop) == (same.start, same.stop)
-    (told,) = [each for each in winged.findings if each.id == "wing-borne"]
-    assert told.evidence["seconds"] == pytest.approx(15.0, abs=0.3)
+    (finding,) = [finding for finding in winged.findings if finding.id == "wing-borne"]
+    assert finding.evidence["seconds"] == pytest.approx(15.0, abs=0.3)
 
 
 def test_hover_has_the_thrust_of_the_copter(copter, winged):
@@ -220,7 +222,7 @@ def test_a_tailsitter_hovers_on_its_tail_and_is_left(tmp_path):
     path.write_bytes(data.replace(b"Q_ENABLE", b"Q_DISABL"))
     plane = read_log(path)
     assert not plane.flights
-    assert "no-flight" not in [each.id for each in check(plane)]
+    assert "no-flight" not in [finding.id for finding in check(plane)]
 
 
 @pytest.mark.skipif(not VTOL.is_file(), reason="the shared logs are not here")

@@ -44,7 +44,7 @@ def px4_with(path: Path, fields: bytes, *formats: bytes) -> Path:
     whole, old = px4_log(5), b"vehicle_attitude:uint64_t timestamp;float[4] q;"
     at = whole.index(old) - 3
     written = (*formats, b"vehicle_attitude:" + fields)
-    new = b"".join(struct.pack("<HB", len(each), ord("F")) + each for each in written)
+    new = b"".join(struct.pack("<HB", len(chunk), ord("F")) + chunk for chunk in written)
     path.write_bytes(whole[:at] + new + whole[at + 3 + len(old) :])
     return path
 

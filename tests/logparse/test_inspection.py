@@ -96,7 +96,7 @@ def test_what_is_missing_is_named_with_the_bit_that_logs_it():
     # Every finding gives the one value that brings all that is lacking: bits 0, 9, 10 and 18.
     wanted = 43006 | 1 | 1 << 18
     advice = [findings[name].advice for name in ("motors", "battery", "fast rates", "fast imu")]
-    assert all(f"LOG_BITMASK = {wanted} adds it" in each for each in advice[1:])
+    assert all(f"LOG_BITMASK = {wanted} adds it" in sentence for sentence in advice[1:])
     # The whole setting is explained once.
     assert f"Set LOG_BITMASK to {wanted} (it is {43006 & ~1536})" in advice[0]
     assert "RCOUT logs RCOU" in findings["motors"].advice
@@ -119,7 +119,7 @@ def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():
     beat = message([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
     findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
     assert "MAV_n_RATE" in findings["motors"].advice
-    assert not any("SRn_" in each.advice or "LOG_BITMASK" in each.advice for each in findings.values())
+    assert not any("SRn_" in finding.advice or "LOG_BITMASK" in finding.advice for finding in findings.values())
 
 
 def test_errors_come_first():
@@ -146,14 +146,14 @@ def test_a_log_whose_clock_claims_hours_between_rows_is_told_so():
 def test_a_hole_in_flight_is_named_with_its_length():
     messages = flight_messages()
     messages["IMU"] = messages["IMU"].drop(messages["IMU"].loc[20.0:23.0].index)
-    (gap,) = [each for each in inspect(log_of(messages)).findings if each.id == "log-gaps"]
+    (gap,) = [finding for finding in inspect(log_of(messages)).findings if finding.id == "log-gaps"]
     assert gap.reason.startswith("The table imu has 1 gap in flight")
     assert gap.evidence["longest"] == pytest.approx(3.1, abs=0.11)
     assert "faster card" in gap.advice
     # What bytes of a damaged file lack, the card had.
     damaged = log_of(messages)
     damaged.findings = (warning("file-damaged", "40 bytes are damaged"),)
-    (gap,) = [each for each in inspect(damaged).findings if each.id == "log-gaps"]
+    (gap,) = [finding for finding in inspect(damaged).findings if finding.id == "log-gaps"]
     assert gap.advice.startswith("Copy the log again")
 
 
@@ -177,15 +177,19 @@ def test_shared_logs(name, expected, not_expected):
     if not path.exists():
         pytest.skip("shared logs are not here")
     inspection = inspect(read_log(path))
-    found = set(by_id(inspection))
-    assert expected <= found
-    assert not (not_expected & found)
+    ids = set(by_id(inspection))
+    assert expected <= ids
+    assert not (not_expected & ids)
     json.dumps(plain(inspection), allow_nan=False)
 
 
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7", frame_class="quad")
 PX4 = Vehicle(autopilot="PX4", firmware="PX4", version="1.16.0")
-VEHICLES = [COPTER, PX4, *(Vehicle(autopilot="ArduPilot", firmware=each) for each in ("ArduPlane", "ArduRover"))]
+VEHICLES = [
+    COPTER,
+    PX4,
+    *(Vehicle(autopilot="ArduPilot", firmware=firmware) for firmware in ("ArduPlane", "ArduRover")),
+]
 
 
 @given(
@@ -221,7 +225,7 @@ def test_a_mask_that_is_none_gives_bits_and_no_value(value):
 
 def test_bits_are_those_of_the_vehicle():
     """Bit 10 logs the motors of a copter, the compass of a plane and the range finder of a rover."""
-    copter, _, plane, rover = (bits_of(each) for each in VEHICLES)
+    copter, _, plane, rover = (bits_of(vehicle) for vehicle in VEHICLES)
     assert (copter[Need.MOTORS].number, plane[Need.MOTORS].number, rover[Need.MOTORS].number) == (10, 13, 14)
     assert (copter[Need.COMPASS].number, plane[Need.COMPASS].number, rover[Need.COMPASS].number) == (13, 10, 11)
 

@@ -96,9 +96,9 @@ def test_a_loop_over_messages_passes_over_the_file_a_few_times(monkeypatch: pyte
     passes.clear()
     # Names alone, or one message found by a loop, bring nothing else into memory.
     assert list(other.messages) == list(frames)
-    found = next(other.messages[name] for name in other.messages if name == "ATT")
+    attitude = next(other.messages[name] for name in other.messages if name == "ATT")
     assert len(passes) == 1
-    pd.testing.assert_frame_equal(found, frames["ATT"])
+    pd.testing.assert_frame_equal(attitude, frames["ATT"])
 
 
 @pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight", "flight.ulg"])
@@ -168,7 +168,7 @@ def test_damaged_zip_archives_are_refused_or_read_whatever_the_decompressor_rais
         except LogError as error:
             said.append(str(error))
     assert said
-    assert all(path.name in each for each in said)
+    assert all(path.name in sentence for sentence in said)
 
 
 @pytest.mark.parametrize(
@@ -288,8 +288,8 @@ def same(a, b):
 
 
 def same_tables(a, b):
-    for each in fields(Tables):
-        same(getattr(a, each.name), getattr(b, each.name))
+    for field in fields(Tables):
+        same(getattr(a, field.name), getattr(b, field.name))
 
 
 def test_tables_and_findings_are_the_same(at_once, deferred):

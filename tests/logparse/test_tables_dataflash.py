@@ -79,9 +79,9 @@ def test_outputs_of_no_known_frame_are_not_taken_for_motors(parameters):
 def test_an_aeroplane_without_outputs_in_its_log_is_told_to_be_none_of_ours():
     """The log of an ArduPlane of 2014 has no RCOU: more log bits would not make a multirotor of it."""
     _, findings = build({"GPS": message([1, 2], Status=[3, 3])}, {"FRAME": 1, "TRIM_ARSPD_CM": 1200.0})
-    (told,) = [finding for finding in findings if finding.id == "frame-unknown"]
-    assert "no multirotor (ArduPlane)" in told.reason
-    assert "multirotors only" in told.advice
+    (damage,) = [finding for finding in findings if finding.id == "frame-unknown"]
+    assert "no multirotor (ArduPlane)" in damage.reason
+    assert "multirotors only" in damage.advice
 
 
 def test_a_frozen_compass_is_none():
@@ -442,7 +442,7 @@ def test_batches_are_timed_by_their_samples(scale):
         instance=[0, 0, 0],
         mul=[100, 10, 100],
         smp_cnt=64,
-        SampleUS=[scale * each for each in (500_000, 600_000, 8_500_000)],
+        SampleUS=[scale * period for period in (500_000, 600_000, 8_500_000)],
         smp_rate=1000.0,
     )
     ramp = np.arange(32)

@@ -135,13 +135,13 @@ def test_signals_that_autotuning_adds_are_those_of_system_identification():
     pitch = np.where((t >= 18.0) & (t < 28.0), 0.5 * np.sin(3.0 * t), 0.0)
     columns = {"rate_sp[0]": roll, "rate_sp[1]": pitch, "rate_sp[2]": 0.0 * t}
     tables, _ = build({"autotune_attitude_control_status": pd.DataFrame(columns, index=pd.Index(t, name="t"))})
-    found = tables.systemid
-    assert set(found["axis"]) == {7.0, 8.0}
-    assert found.index[[0, -1]].tolist() == pytest.approx([5.0, 27.9], abs=0.11)
-    first = found[found["axis"] == 7.0]
+    injection = tables.systemid
+    assert set(injection["axis"]) == {7.0, 8.0}
+    assert injection.index[[0, -1]].tolist() == pytest.approx([5.0, 27.9], abs=0.11)
+    first = injection[injection["axis"] == 7.0]
     assert first["elapsed"].iloc[[0, -1]].tolist() == pytest.approx([0.0, 9.9], abs=0.11)
     assert first["target"].max() == pytest.approx(np.degrees(0.5), rel=0.01)
-    assert found["frequency"].isna().all()
+    assert injection["frequency"].isna().all()
 
 
 def test_a_vtol_is_a_multirotor_while_it_hovers():

@@ -65,8 +65,8 @@ def test_every_value_is_one_that_the_world_has(path):
         assert list(tables.motors) == [f"m{motor.number}" for motor in log.vehicle.motors]
     if tables.imu is not None:
         # Accelerometers that were never calibrated are off by up to 2 m/s^2 on old boards, and then a finding says so.
-        told = any(finding.id == "sensor-doubtful" for finding in completeness.check(log))
-        assert abs(tables.imu["accel_z"].median() + 9.81) < (2.5 if told else 0.9)
+        doubted = any(finding.id == "sensor-doubtful" for finding in completeness.check(log))
+        assert abs(tables.imu["accel_z"].median() + 9.81) < (2.5 if doubted else 0.9)
     if tables.mag is not None:
         # The field of the Earth has 22 to 67 uT; what is uncalibrated may have twice as much.
         assert 15e-6 < np.linalg.norm(tables.mag.dropna(), axis=1).mean() < 140e-6

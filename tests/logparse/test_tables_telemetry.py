@@ -156,8 +156,8 @@ def test_px4_modes_over_mavlink():
 
 
 def test_modes_of_a_plane_are_not_those_of_a_copter():
-    told = [ardupilot_mode(19, firmware) for firmware in ("ArduPlane", "ArduCopter", None)]
-    assert told == ["QLOITER", "AVOID_ADSB", "AVOID_ADSB"]
+    modes = [ardupilot_mode(19, firmware) for firmware in ("ArduPlane", "ArduCopter", None)]
+    assert modes == ["QLOITER", "AVOID_ADSB", "AVOID_ADSB"]
 
 
 def test_a_flight_shows_without_motor_outputs():

@@ -122,11 +122,11 @@ def test_random_bytes_are_read_as_nothing_in_good_time():
     ):
         looks_like(data[:65536])
         try:
-            found = TlogSource(data).scan.frames
+            frames = TlogSource(data).scan.frames
         except LogError:
-            found = 0
+            frames = 0
         # Chance gives one frame in 65536 start bytes with a known id.
-        assert found < 10
+        assert frames < 10
     # 24 MB take a second or two; each start byte against all that follows would take days.
     assert time.process_time() - started < 60.0
 

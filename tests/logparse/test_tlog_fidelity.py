@@ -30,12 +30,12 @@ pytestmark = pytest.mark.skipif(not TELEMETRY, reason="the shared logs are not b
 def positions_by_pymavlink(path):
     """Where pymavlink finds frames, by the start byte of each."""
     connection = mavutil.mavlogfile(str(path))
-    found = []
+    frames = []
     while (message := connection.recv_msg()) is not None:
         if message.get_type() != "BAD_DATA":
-            found.append(connection.f.tell() - len(message.get_msgbuf()))
+            frames.append(connection.f.tell() - len(message.get_msgbuf()))
     connection.close()
-    return np.array(found)
+    return np.array(frames)
 
 
 def marks_of(source):
@@ -46,15 +46,15 @@ def marks_of(source):
 def decoded_by_pymavlink(data, marks):
     """Decode the frames there: name -> list of (system, component, values in the order of the fields)."""
     link = pymavlink_dialect().MAVLink(None)
-    found = defaultdict(list)
+    rows = defaultdict(list)
     for mark in marks:
         length = data[mark + 1]
         size = length + 8 if data[mark] == 0xFE else length + 12 + 13 * (data[mark + 2] & 1)
         message = link.decode(bytearray(data[mark : mark + size]))
         name = message.get_type()
         values = [getattr(message, field) for field in definitions()[name].fields]
-        found[name].append((message.get_srcSystem(), message.get_srcComponent(), *values))
-    return found
+        rows[name].append((message.get_srcSystem(), message.get_srcComponent(), *values))
+    return rows
 
 
 @pytest.fixture(scope="module", params=COMPARED)

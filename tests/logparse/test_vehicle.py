@@ -109,8 +109,8 @@ FRAMES = {
 def test_frames_are_those_that_the_log_tells(craft):
     (form, messages, parameters), expected = FRAMES[craft]
     vehicle = describe(messages, format=form, parameters=parameters)
-    found = (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source, len(vehicle.motors))
-    assert found == (expected or (None, None, None, 0))
+    frame = (vehicle.frame_class, vehicle.frame_type, vehicle.frame_source, len(vehicle.motors))
+    assert frame == (expected or (None, None, None, 0))
 
 
 @pytest.mark.parametrize(

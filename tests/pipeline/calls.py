@@ -28,9 +28,9 @@ def unsendable() -> object:
 
 def stay(pipe: Path) -> None:
     """Return the own process id and stay until killed; the pipe ends with the process."""
-    with pipe.open("w") as told:
-        told.write(f"{os.getpid()}\n")
-        told.flush()
+    with pipe.open("w") as reports:
+        reports.write(f"{os.getpid()}\n")
+        reports.flush()
         signal.pause()
 
 

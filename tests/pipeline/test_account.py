@@ -57,17 +57,17 @@ def account(tables, messages=None, flight=FLIGHT) -> Account:
 
 
 def notable(tables, messages=None, flight=FLIGHT):
-    return sorted(account(tables, messages, flight).notable, key=lambda each: each.t)
+    return sorted(account(tables, messages, flight).notable, key=lambda event: event.t)
 
 
-def only(identity, found) -> Finding:
-    assert [event.id for event in found] == [identity]
-    return found[0]
+def only(identity, events) -> Finding:
+    assert [event.id for event in events] == [identity]
+    return events[0]
 
 
 def told(**changes):
     """Return what is notable of a flight with these changes, as (id, first, last)."""
-    return [(each.id, each.t, each.end) for each in notable(flown(**changes))]
+    return [(event.id, event.t, event.end) for event in notable(flown(**changes))]
 
 
 def struck(*blows, imu=None):
@@ -114,12 +114,12 @@ def test_disarming_in_the_air_ends_in_a_crash():
     imu = struck((40.0, 42.0, 0.0), (42.02, 42.1, 120.0))
     baro = table(10.0, alt=falling, pressure=1e5, temperature=290.0)
     tables = flown(imu=imu, baro=baro, events=events_at((40.0, "DISARMED", "")))
-    found = notable(tables, flight=Span(10.0, 42.0))
-    assert [event.id for event in found] == ["disarmed-in-air", "crash"]
-    assert found[0].t == 40.0
-    assert found[0].evidence["height_m"] == pytest.approx(20.0, abs=0.5)
-    assert found[1].t == pytest.approx(42.04, abs=0.05)
-    assert found[1].evidence["sink_m_s"] > 10.0
+    events = notable(tables, flight=Span(10.0, 42.0))
+    assert [event.id for event in events] == ["disarmed-in-air", "crash"]
+    assert events[0].t == 40.0
+    assert events[0].evidence["height_m"] == pytest.approx(20.0, abs=0.5)
+    assert events[1].t == pytest.approx(42.04, abs=0.05)
+    assert events[1].evidence["sink_m_s"] > 10.0
 
 
 @pytest.mark.parametrize(("speed", "expected"), [(0.0, "hard-landing"), (4.8, "hard-landing"), (7.5, "crash")])
@@ -140,19 +140,19 @@ def test_a_craft_that_comes_to_rest_on_its_side_has_crashed_whatever_shows_it():
 
 def test_a_touch_from_which_the_craft_rises_again_is_no_crash():
     baro = baro_of((38, 20), (40, 0), (44, 20), (55, 20), (70, 0))
-    found = notable(flown(imu=struck((40.0, 40.1, 60.0)), attitude=leaning(between(39.0, 40.2, 0.6)), baro=baro))
-    assert [event.id for event in found] == ["control-lost", "shock-in-flight"]
+    events = notable(flown(imu=struck((40.0, 40.1, 60.0)), attitude=leaning(between(39.0, 40.2, 0.6)), baro=baro))
+    assert [event.id for event in events] == ["control-lost", "shock-in-flight"]
 
 
 def test_loss_of_control_is_timed_and_what_follows_a_crash_is_left_out():
     tables = flown(
         attitude=leaning(between(50.0, 53.0, 1.2)), imu=struck((52.0, 52.1, 150.0)), baro=baro_of((50, 20), (52, 0))
     )
-    found = notable(tables, flight=Span(10.0, 52.05))
-    assert [event.id for event in found] == ["control-lost", "crash"]
-    assert found[0].t == pytest.approx(50.0, abs=0.11)
-    assert found[0].evidence["worst_rad"] == pytest.approx(1.2)
-    assert found[1].t == pytest.approx(52.0, abs=0.05)
+    events = notable(tables, flight=Span(10.0, 52.05))
+    assert [event.id for event in events] == ["control-lost", "crash"]
+    assert events[0].t == pytest.approx(50.0, abs=0.11)
+    assert events[0].evidence["worst_rad"] == pytest.approx(1.2)
+    assert events[1].t == pytest.approx(52.0, abs=0.05)
 
 
 def test_swings_again_and_again_are_loss_of_control_and_one_of_them_is_not():
@@ -231,9 +231,9 @@ def test_sticks_swung_by_hand_are_no_oscillation_where_only_angles_have_targets(
 
     gyro = flown().imu.assign(gyro_x=np.gradient(swung(flown().imu.index.to_numpy()), 1.0 / 25.0))
     asked = table(rate, roll=swung if target == "swung" else 0.0, pitch=0.0, yaw=0.0, throttle=0.35)
-    found = told(rates=None, imu=gyro, attitude=table(25.0, roll=swung, pitch=0.0, yaw=0.0), setpoints=asked)
+    events = told(rates=None, imu=gyro, attitude=table(25.0, roll=swung, pitch=0.0, yaw=0.0), setpoints=asked)
     # A target that is logged slower than the swing does not tell whether it was asked for.
-    assert [event for event, *_ in found] == (["oscillation"] if (rate, target) == (25.0, "level") else [])
+    assert [event for event, *_ in events] == (["oscillation"] if (rate, target) == (25.0, "level") else [])
 
 
 def test_a_jammed_receiver_is_timed():
@@ -300,7 +300,9 @@ def test_lack_of_lift_shows_in_the_barometer_and_the_motors_alone():
     # Neither an estimate of speed nor a throttle is logged: all motors at full output from 30 to 34 s, 2 m/s down.
     baro = baro_of((30, 20), (34, 12), (55, 12), (70, 0), noise=np.random.default_rng(3).normal(0.0, 0.1, 800))
     motors = table(10.0, **{f"m{k}": between(30.0, 34.0, 1950.0, 1500.0) for k in range(1, 5)})
-    event = next(each for each in notable(flown(motors=motors, setpoints=None, baro=baro)) if each.id == "lift-lost")
+    event = next(
+        sinking for sinking in notable(flown(motors=motors, setpoints=None, baro=baro)) if sinking.id == "lift-lost"
+    )
     assert (event.t, event.end) == pytest.approx((30.0, 34.0), abs=0.5)
     assert event.evidence["sink_m_s"] == pytest.approx(2.0, abs=0.5)
     # The same descent at the throttle of hover is a descent.
@@ -331,19 +333,19 @@ def climbing(**asked):
 
 
 def test_throttle_that_runs_away_is_the_autopilots_when_no_climb_was_asked_for():
-    found = account(flown(**climbing()))
-    assert [each.id for each in found.story] == ["throttle-runaway"]
-    assert "behind the barometer's" in found.headline
-    assert found.height.value == pytest.approx(50.0, abs=0.5)
-    assert found.height.others["autopilot"] == pytest.approx(20.0, abs=0.5)
+    flight_account = account(flown(**climbing()))
+    assert [event.id for event in flight_account.story] == ["throttle-runaway"]
+    assert "behind the barometer's" in flight_account.headline
+    assert flight_account.height.value == pytest.approx(50.0, abs=0.5)
+    assert flight_account.height.others["autopilot"] == pytest.approx(20.0, abs=0.5)
     assert "unasked" in account(flown(**climbing(p_d=-20.0) | {"ekf": None})).headline
     # Of a climb that was asked for, and of a pilot's own full throttle, nothing is said.
     modes = pd.DataFrame({"mode": ["STABILIZE"]}, index=pd.Index([0.0], name="t"))
     assert account(flown(**climbing(v_d=-5.0))).story == account(flown(**climbing(), modes=modes)).story == ()
     # A hole may have swallowed that the pilot took over (6-3-2014_7 with 140 to 155 s cut out).
     tables = {name: getattr(flown(**climbing()), name) for name in ("attitude", "baro", "ekf", "modes", "setpoints")}
-    cut = {name: each[(each.index < 20.0) | (each.index > 26.0)] for name, each in tables.items()}
-    assert [each.id for each in account(Tables(**cut)).notable] == ["height-estimate-wrong"]
+    cut = {name: rows[(rows.index < 20.0) | (rows.index > 26.0)] for name, rows in tables.items()}
+    assert [event.id for event in account(Tables(**cut)).notable] == ["height-estimate-wrong"]
 
 
 def shaken(rate, before, after, when):
@@ -359,9 +361,9 @@ def shaken(rate, before, after, when):
     [(400.0, 1.0, 15.0, ["vibration"]), (400.0, 4.0, 8.0, []), (50.0, 0.5, 2.0, ["vibration"])],
 )
 def test_vibration_that_rises_suddenly_is_timed_also_without_vibe(rate, before, after, names):
-    found = notable(flown(imu=shaken(rate, before, after, 38.2)))
-    assert [event.id for event in found] == names
-    for event in found:
+    events = notable(flown(imu=shaken(rate, before, after, 38.2)))
+    assert [event.id for event in events] == names
+    for event in events:
         assert event.t == pytest.approx(38.2, abs=0.3)
         # A first-order filter at 5 Hz takes a part of what is at 12 Hz.
         assert event.evidence["level_m_s2"] == pytest.approx(after, rel=0.05 if rate > 100.0 else 0.4)
@@ -400,14 +402,16 @@ def test_errors_are_reported_once_and_on_the_ground_only_noted():
         (35.0, "ERROR", "FAILSAFE_RADIO 1"),
         (40.0, "MESSAGE", "Battery 1 is low 10.1V used 4000 mAh"),
     )
-    found = account(flown(events=events))
-    failsafes = [each for each in found.notable if each.id == "failsafe"]
-    assert [(each.t, each.evidence["subsystem"], each.evidence["times"]) for each in failsafes] == [
+    flight_account = account(flown(events=events))
+    failsafes = [event for event in flight_account.notable if event.id == "failsafe"]
+    assert [(failsafe.t, failsafe.evidence["subsystem"], failsafe.evidence["times"]) for failsafe in failsafes] == [
         (30.0, "FAILSAFE_RADIO", 2),
         (40.0, "FAILSAFE_BATTERY", 1),
     ]
-    assert [each.evidence["subsystem"] for each in found.happenings if not each.notable] == ["COMPASS"]
-    assert "radio failsafe" in found.headline
+    assert [happening.evidence["subsystem"] for happening in flight_account.happenings if not happening.notable] == [
+        "COMPASS"
+    ]
+    assert "radio failsafe" in flight_account.headline
 
 
 @pytest.mark.parametrize(
@@ -441,23 +445,29 @@ def test_the_state_of_the_craft_is_read_off():
     voltage = lambda t: np.where(t < 10.0, 12.4, np.where(t > 70.0, 11.9, 11.5 - 0.01 * (t - 10.0)))  # noqa: E731
     # Damage puts rows in another order: a slice of them by time was an unexpected error.
     shuffled = vibe.iloc[np.random.default_rng(0).permutation(len(vibe))]
-    found = account(flown(motors=motors, battery=table(10.0, voltage=voltage, current=10.0)), {"VIBE": shuffled})
-    assert (found.vibration.worst, found.vibration.axis, found.vibration.clips) == (45.0, "Z", 5)
-    assert (found.battery.start, found.battery.end, found.battery.cells) == (12.4, 11.9, 3)
-    assert found.battery.lowest == pytest.approx(10.9, abs=0.01)
-    assert (found.motors.hardest, found.motors.at_limit) == ("1", pytest.approx(4.0 / 60.0, abs=0.01))
-    assert found.gps.satellites_least == 12
-    assert found.hover.start == pytest.approx(0.35)
-    assert found.hover.thrust_to_weight == pytest.approx(1.0 / 0.35)
+    flight_account = account(
+        flown(motors=motors, battery=table(10.0, voltage=voltage, current=10.0)), {"VIBE": shuffled}
+    )
+    assert (flight_account.vibration.worst, flight_account.vibration.axis, flight_account.vibration.clips) == (
+        45.0,
+        "Z",
+        5,
+    )
+    assert (flight_account.battery.start, flight_account.battery.end, flight_account.battery.cells) == (12.4, 11.9, 3)
+    assert flight_account.battery.lowest == pytest.approx(10.9, abs=0.01)
+    assert (flight_account.motors.hardest, flight_account.motors.at_limit) == ("1", pytest.approx(4.0 / 60.0, abs=0.01))
+    assert flight_account.gps.satellites_least == 12
+    assert flight_account.hover.start == pytest.approx(0.35)
+    assert flight_account.hover.thrust_to_weight == pytest.approx(1.0 / 0.35)
     # A constant is no battery: nothing loads it.
     assert account(flown()).battery is None
 
 
 def test_a_log_that_lacks_sensors_says_so_and_goes_on():
-    found = account(Tables(attitude=flown().attitude))
-    assert found.height is None
-    assert any("barometer" in each for each in found.unknown)
-    assert found.headline == "Nothing happened in 60 s of flight."
+    flight_account = account(Tables(attitude=flown().attitude))
+    assert flight_account.height is None
+    assert any("barometer" in sentence for sentence in flight_account.unknown)
+    assert flight_account.headline == "Nothing happened in 60 s of flight."
     # Where neither shocks nor attitude are known, a crash would not be seen.
     assert not account(Tables(baro=flown().baro)).headline.startswith("Nothing happened")
 
@@ -465,14 +475,14 @@ def test_a_log_that_lacks_sensors_says_so_and_goes_on():
 def test_a_log_that_was_cut_in_the_air_says_so():
     tables = {name: getattr(flown(), name) for name in ("baro", "imu", "attitude")}
     for part, words in ((slice(20.0, None), "begins"), (slice(None, 50.0), "ends")):
-        cut = Tables(**{name: each.loc[part] for name, each in tables.items()})
+        cut = Tables(**{name: rows.loc[part] for name, rows in tables.items()})
         flight = Span(max(10.0, part.start or 0.0), min(70.0, part.stop or 70.0))
         assert account(cut, flight=flight).headline.endswith(f"The log {words} in the air.")
-    cut = Tables(**{name: each[(each.index < 30.0) | (each.index > 50.0)] for name, each in tables.items()})
+    cut = Tables(**{name: rows[(rows.index < 30.0) | (rows.index > 50.0)] for name, rows in tables.items()})
     assert account(cut).headline.endswith("of flight, up to 20 m high. Nothing was logged from 30 to 50 s.")
     # In level flight alone no ground tells how high it is.
     tables["baro"] = baro_of((55, 20), (70, 0), noise=0.1 * np.sin(np.arange(800)))
-    level = account(Tables(**{name: each.loc[30.0:50.0] for name, each in tables.items()}), flight=Span(30.0, 50.0))
+    level = account(Tables(**{name: rows.loc[30.0:50.0] for name, rows in tables.items()}), flight=Span(30.0, 50.0))
     assert level.headline == "Nothing happened in 20 s of flight. The log begins in the air. The log ends in the air."
     assert level.height is None
     assert "the ground is not in the log: how high it flew" in level.unknown
@@ -505,19 +515,19 @@ def test_heights_and_speeds_are_of_sources_that_can_be_believed(changes, source)
     """Vibration drags the inertial height by 20 m (31-3-2015_83), nine satellites jump to 72 m/s (26-11-2014_181)."""
     speed = lambda t: 3.0 + 5.0 * ((t > 20.0) & (t < 23.0)) + 40.0 * ((t > 30.0) & (t < 30.5))  # noqa: E731
     spiked = flown().gps.assign(v_n=speed(flown().gps.index.to_numpy()))
-    found = account(flown(gps=spiked, **changes))
-    assert (found.height.source, found.height.value) == (source, pytest.approx(20.0, abs=0.3))
-    assert found.ground_speed.value == pytest.approx(8.0)
-    assert (found.climb.value, found.sink.value) == pytest.approx((5.0, 4.0 / 3.0), abs=0.3)
+    flight_account = account(flown(gps=spiked, **changes))
+    assert (flight_account.height.source, flight_account.height.value) == (source, pytest.approx(20.0, abs=0.3))
+    assert flight_account.ground_speed.value == pytest.approx(8.0)
+    assert (flight_account.climb.value, flight_account.sink.value) == pytest.approx((5.0, 4.0 / 3.0), abs=0.3)
     assert account(flown(gps=spiked.assign(hdop=5.0), **changes)).ground_speed is None
 
 
 def test_rows_of_a_height_that_damage_changed_are_no_height():
     spiked = lambda t: height(t) + 300.0 * np.isin(np.round(10.0 * t), (300, 340, 500))  # noqa: E731
     tables = flown(baro=table(10.0, alt=spiked), ekf=table(10.0, p_d=lambda t: -height(t)))
-    found = account(tables)
-    assert found.notable == ()
-    assert (found.height.value, found.climb.value) == pytest.approx((20.0, 5.0), abs=0.3)
+    flight_account = account(tables)
+    assert flight_account.notable == ()
+    assert (flight_account.height.value, flight_account.climb.value) == pytest.approx((20.0, 5.0), abs=0.3)
 
 
 @pytest.mark.parametrize("first", [0.0, 30.0])
@@ -525,12 +535,12 @@ def test_a_barometer_that_repeats_itself_has_stopped(first):
     """Whether the log shows the ground that the craft left, or begins in the air (spark404, stopped at 427 s)."""
     wrong = lambda t: np.where(t > 40.0, 20.0, height(t) + 0.01 * np.sin(9.0 * t))  # noqa: E731
     tables = {"baro": table(10.0, alt=wrong), "ekf": table(10.0, p_d=lambda t: -height(t))}
-    tables = flown(**{name: each.loc[first:] for name, each in tables.items()})
-    found = account(tables, flight=Span(max(first, 10.0), 70.0))
-    named = only("height-estimate-wrong", found.happenings)
+    tables = flown(**{name: rows.loc[first:] for name, rows in tables.items()})
+    flight_account = account(tables, flight=Span(max(first, 10.0), 70.0))
+    named = only("height-estimate-wrong", flight_account.happenings)
     assert named.t == pytest.approx(40.1, abs=0.11)
     assert named.reason.startswith("The barometer stopped")
-    assert (found.height.source, found.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
+    assert (flight_account.height.source, flight_account.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
 
 
 @pytest.mark.parametrize(
@@ -544,10 +554,10 @@ def test_a_barometer_that_repeats_itself_has_stopped(first):
 def test_a_barometer_that_stays_in_the_air_when_the_craft_is_back_is_wrong_and_not_the_autopilot(wrong):
     """Where autopilot and receiver came back to the ground; elsewhere the ground may be as high."""
     changes = {"baro": table(10.0, alt=wrong), "ekf": table(10.0, p_d=lambda t: -height(t))}
-    found = account(flown(**changes))
-    named = only("height-estimate-wrong", found.happenings)
+    flight_account = account(flown(**changes))
+    named = only("height-estimate-wrong", flight_account.happenings)
     assert named.reason.startswith(f"The barometer was {wrong(np.array([75.0]))[0]:.0f} m above the ground")
-    assert (found.height.source, found.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
+    assert (flight_account.height.source, flight_account.height.value) == ("autopilot", pytest.approx(20.0, abs=0.3))
     elsewhere = flown().gps.assign(lat=lambda rows: 0.8 + 1e-5 * (rows.index > 50.0))
     assert account(flown(gps=elsewhere, **changes)).height.source == "barometer"
 

@@ -75,7 +75,7 @@ def test_a_throttle_that_ran_away_blames_no_motor_wherever_the_log_was_cut(tmp_p
     cut.write_bytes(whole[: int(part * len(whole))])
     log = logparse.read_log(cut)
     account = tell(log, Span(log.flight.start, log.flight.stop))
-    assert [each.id for each in account.story] == ["vibration", "throttle-runaway"]
+    assert [event.id for event in account.story] == ["vibration", "throttle-runaway"]
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,7 @@ TOLD = (
 )
 
 
-def good(name="good", *, told=TOLD, findings=(), form="dataflash", mask=176127.0, known=True, **parts):
+def good(name="good", *, parameters=TOLD, findings=(), form="dataflash", mask=176127.0, known=True, **parts):
     """Make a flight that lacks nothing but what is taken from it."""
     settings = {} if mask is None else {"LOG_BITMASK": mask}
     parts["health"] = {"settings": settings} | parts.get("health", {})
@@ -53,7 +53,8 @@ def good(name="good", *, told=TOLD, findings=(), form="dataflash", mask=176127.0
         position_known=known,
         coverage=coverage_of(**parts),
         parameters=tuple(
-            FlightParameter(parameter=each, method="rigid body", value=1.0, sigma=0.01, unit="") for each in told
+            FlightParameter(parameter=parameter, method="rigid body", value=1.0, sigma=0.01, unit="")
+            for parameter in parameters
         ),
         findings=tuple(finding if isinstance(finding, Finding) else found(finding) for finding in findings),
     )
@@ -91,8 +92,8 @@ def test_a_good_flight_needs_no_advice():
 def test_all_missing_bits_make_one_value_of_the_mask():
     """176126 has bits 1 to 11, 13, 15 and 17; fast rates (0) and fast IMU (18) make 438271, as docs/logging.md says."""
     lacks = [lacking(name, NEEDS[name], 176126.0) for name in ("fast rates", "fast imu")]
-    slow = good("slow", mask=176126.0, told=("thrust over mass",), findings=lacks)
-    advice = next(each for each in for_craft([slow]) if each.id == "log-bitmask")
+    slow = good("slow", mask=176126.0, parameters=("thrust over mass",), findings=lacks)
+    advice = next(item for item in for_craft([slow]) if item.id == "log-bitmask")
     assert advice.settings == {"LOG_BITMASK": 438271}
     assert "Set LOG_BITMASK to 438271 (it is 176126)" in advice.do
     assert "bit 0 (ATTITUDE_FAST), bit 18 (IMU_FAST)" in advice.do
@@ -106,8 +107,8 @@ def test_the_latest_flight_s_mask_counts_for_several():
 
 
 def test_the_mask_is_known_where_coverage_failed():
-    flight = good("a", told=(), findings=[lacking("gps", Need.GPS, 176122.0)])
-    (advice,) = (each for each in for_craft([dataclasses.replace(flight, coverage=None)]) if each.id == "log-bitmask")
+    flight = good("a", parameters=(), findings=[lacking("gps", Need.GPS, 176122.0)])
+    (advice,) = (item for item in for_craft([dataclasses.replace(flight, coverage=None)]) if item.id == "log-bitmask")
     assert advice.settings == {"LOG_BITMASK": 176126}
 
 
@@ -144,29 +145,33 @@ def test_telemetry_and_px4_have_advice_of_their_own():
 
 def test_the_speed_of_legs_follows_from_the_gusts():
     """Gusts of a fifth of 10 m/s of wind pass for 15 % of drag at 2 / sqrt(0.15) = 5.2 m/s; calm air takes less."""
-    told = tuple(each for each in TOLD if "drag" not in each)
+    parameters = tuple(parameter for parameter in TOLD if "drag" not in parameter)
     wind = {"speed": 10.0, "sigma": 0.3}
-    advice = only(good(told=told, wind=wind, excitation={"speed_std": [1.2, 0.4]}))
+    advice = only(good(parameters=parameters, wind=wind, excitation={"speed_std": [1.2, 0.4]}))
     assert advice.id == "fly-legs-for-drag"
     assert "at 6 m/s or more" in advice.do
     assert "varied by 0.4 m/s only, in a wind of about 10 m/s" in advice.why
-    assert "at 3 m/s" in only(good(told=told, wind={"speed": 0.2}, excitation={"speed_std": [1.2, 0.4]})).do
-    assert "at 12 m/s" in only(good(told=told, wind={"speed": 99.0}, excitation={"speed_std": [1.2, 0.4]})).do
-    assert for_craft([good(told=told, wind=wind, excitation={"speed_std": [6.0, 7.0]})]) == ()
+    assert "at 3 m/s" in only(good(parameters=parameters, wind={"speed": 0.2}, excitation={"speed_std": [1.2, 0.4]})).do
+    assert (
+        "at 12 m/s" in only(good(parameters=parameters, wind={"speed": 99.0}, excitation={"speed_std": [1.2, 0.4]})).do
+    )
+    assert for_craft([good(parameters=parameters, wind=wind, excitation={"speed_std": [6.0, 7.0]})]) == ()
 
 
 def test_axes_that_are_not_determined_are_named_for_sticks():
-    told = tuple(each for each in TOLD if "roll" not in each)
-    advice = only(good(told=told))
+    parameters = tuple(parameter for parameter in TOLD if "roll" not in parameter)
+    advice = only(good(parameters=parameters))
     assert advice.id == "fly-sticks"
     assert "short stick inputs on roll," in advice.do
-    assert for_craft([good(told=told), good("lively", told=(*told, "roll effectiveness"))]) == ()
+    assert (
+        for_craft([good(parameters=parameters), good("lively", parameters=(*parameters, "roll effectiveness"))]) == ()
+    )
 
 
 def test_flights_to_repeat_are_named():
     lost = good("lost", health={"position_sigma": {"median": 9.0, "max": 60.0}}, known=False)
     still = good("still", excitation={"acceleration_rms": 0.06})
-    advice = {each.id: each for each in for_craft([lost, still, good("a"), good("b")])}
+    advice = {item.id: item for item in for_craft([lost, still, good("a"), good("b")])}
     assert set(advice) == {"repeat-with-gps", "repeat-with-movement"}
     assert "Repeat lost" in advice["repeat-with-gps"].do
     assert "60 m" in advice["repeat-with-gps"].why
@@ -190,7 +195,7 @@ def test_judging_flights_that_leave_the_range_are_advised_to_train():
         for f in flights
     ]
     found_range = envelope(flights, ["a"], ["b"])
-    advice = {each.id: each for each in for_craft(flights, found_range)}
+    advice = {item.id: item for item in for_craft(flights, found_range)}
     assert advice["train-where-you-fly"].flights == ("b",)
     assert "ground speed 12.5 m/s (fitted 3 m/s to 4 m/s)" in advice["train-where-you-fly"].why
     # One flight trains: sqrt(2) of the best model's error on unseen ones; with four it is sqrt(1.25).
@@ -214,7 +219,7 @@ def test_a_weakening_motor_comes_first():
 def test_the_list_is_short_sorted_and_json():
     everything = good(
         "bad",
-        told=(),
+        parameters=(),
         mask=0.0,
         known=False,
         findings=(
@@ -225,14 +230,14 @@ def test_the_list_is_short_sorted_and_json():
     )
     slow = good(
         "slow",
-        told=(),
+        parameters=(),
         findings=(WITHOUT_MASS,),
         excitation={"headings": 1, "speed_std": [0.1, 0.1]},
     )
     advice = for_craft([everything, slow])
     assert len(advice) == 7 <= MOST
-    assert [each.rank for each in advice] == sorted(each.rank for each in advice)
-    for each in json.loads(json.dumps(plain(advice), allow_nan=False)):
-        assert each["do"]
-        assert each["why"]
-        assert each["gain"]
+    assert [item.rank for item in advice] == sorted(item.rank for item in advice)
+    for load in json.loads(json.dumps(plain(advice), allow_nan=False)):
+        assert load["do"]
+        assert load["why"]
+        assert load["gain"]

@@ -21,7 +21,7 @@ def spoilt(name, how):
     if how == "markup":
         kept = kept.astype(object).map(lambda _: "<b>n/a</b>")
     elif how == "no number":
-        kept = kept.map(lambda each: np.nan if isinstance(each, int | float | np.number) else each)
+        kept = kept.map(lambda cell: np.nan if isinstance(cell, int | float | np.number) else cell)
     log.messages.replace(name, kept)
     return log
 
@@ -38,6 +38,6 @@ HOWS = ("missing", "one row", "markup", "no number")
 def test_a_spoilt_message_costs_its_own_plot_only(name, how):
     log = spoilt(name, how)
     signals, account = flight_signals(Readings.of(log, FLIGHT)), tell(log, FLIGHT)
-    drawn = {each for each in ("attitude", "rates", "vibration", "battery", "gps") if getattr(signals, each)}
+    drawn = {signal for signal in ("attitude", "rates", "vibration", "battery", "gps") if getattr(signals, signal)}
     assert {"attitude", "rates", "vibration", "battery", "gps"} - drawn <= {PANELS[name]}
     assert account.story == ()

@@ -241,8 +241,8 @@ def test_impossible_settings_name_themselves(setting, value):
 
 
 def test_python_command_line_and_service_say_the_same_of_a_setting():
-    (analyze,) = (each for each in get_command(app).commands.items() if each[0] == "analyze")
-    options = {each.name: each for each in analyze[1].params}
+    (analyze,) = (command for command in get_command(app).commands.items() if command[0] == "analyze")
+    options = {param.name: param for param in analyze[1].params}
     offered = Configuration.model_fields
     for name, setting in SETTINGS.items():
         assert options[name].help.startswith(setting.help), name

@@ -63,8 +63,8 @@ def test_a_killed_worker_costs_nothing_and_a_poisonous_call_only_itself(pair, tm
     os.mkfifo(tmp_path / "pipe")
     pair.check()
     lost = pair.submit(calls.stay_at_first, (tmp_path, 2))
-    with (tmp_path / "pipe").open() as told:
-        os.kill(int(told.readline()), signal.SIGKILL)
+    with (tmp_path / "pipe").open() as reports:
+        os.kill(int(reports.readline()), signal.SIGKILL)
     assert lost.result() == "done"
     diary = tmp_path / "diary"
     tasks = [(diary, name) for name in ("a", "b", "poison", "c", "d", "e")]
@@ -135,11 +135,11 @@ def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_
             assert errors <= {SchedulerError, ModuleNotFoundError}
         with Cluster(programs.address) as executor:
             waiting = [executor.submit(calls.stay, tmp_path / "pipe") for _ in range(2)]
-            with (tmp_path / "pipe").open() as told:
-                told.readline()
+            with (tmp_path / "pipe").open() as reports:
+                reports.readline()
             executor.client._timeout = 0.1  # it will not come back
             scheduler.kill()
-            assert SchedulerError in [type(each.exception()) for each in waiting]
+            assert SchedulerError in [type(future.exception()) for future in waiting]
             with pytest.raises(SchedulerError, match="the same command goes on from there"):
                 executor.submit(calls.square, 2)
 

@@ -56,7 +56,7 @@ def flight(tmp_path_factory):
 
 def test_distributions_are_those_of_the_truth(flight):
     log, trajectory, span, flown, sample = flight
-    found = measure(log, trajectory, span)
+    coverage = measure(log, trajectory, span)
     truth = flown.truth.loc[span.start - sample.boot : span.stop - sample.boot]
     speed = np.hypot(truth["v_n"], truth["v_e"])
     for name, values in {
@@ -64,25 +64,27 @@ def test_distributions_are_those_of_the_truth(flight):
         "altitude": truth["p_d"].iloc[0] - truth["p_d"],
         "climb_rate": -truth["v_d"],
     }.items():
-        known = found.quantities[name]
+        known = coverage.quantities[name]
         step = QUANTITIES[name].step
         for part, quantile in (("p05", 0.05), ("median", 0.5), ("p95", 0.95)):
             assert getattr(known, part) == pytest.approx(values.quantile(quantile), abs=0.35 * step + 0.1)
-        assert sum(known.seconds) == pytest.approx(found.seconds, abs=0.15)
-    assert found.quantities["density"].median == pytest.approx(sample.setup.place.atmosphere.density_at(8.0), rel=0.01)
-    assert sum(seconds for *_, seconds in found.map) == pytest.approx(found.seconds, abs=0.3)
+        assert sum(known.seconds) == pytest.approx(coverage.seconds, abs=0.15)
+    assert coverage.quantities["density"].median == pytest.approx(
+        sample.setup.place.atmosphere.density_at(8.0), rel=0.01
+    )
+    assert sum(seconds for *_, seconds in coverage.map) == pytest.approx(coverage.seconds, abs=0.3)
 
 
 def test_movement_is_told_axis_by_axis(flight):
     log, trajectory, span, flown, sample = flight
-    found = measure(log, trajectory, span).excitation
-    assert found.acceleration_rms > 5.0 * found.acceleration_noise
-    assert found.speed_std[0] > 3.0 * found.speed_std[1], "the leg was flown along the nose"
-    assert found.headings == 2, "north, then east; the turn between is too quick to count"
+    excitation = measure(log, trajectory, span).excitation
+    assert excitation.acceleration_rms > 5.0 * excitation.acceleration_noise
+    assert excitation.speed_std[0] > 3.0 * excitation.speed_std[1], "the leg was flown along the nose"
+    assert excitation.headings == 2, "north, then east; the turn between is too quick to count"
     truth = flown.truth.loc[span.start - sample.boot : span.stop - sample.boot]
     for axis, rate in (("roll", "w_x"), ("pitch", "w_y"), ("yaw", "w_z")):
         # Ten rows a second leave out what is faster than 4 Hz: touching down, mostly.
-        assert 0.5 * truth[rate].std() < found.axes[axis].rms < 1.1 * truth[rate].std()
+        assert 0.5 * truth[rate].std() < excitation.axes[axis].rms < 1.1 * truth[rate].std()
 
 
 def test_the_log_is_judged(flight):
@@ -100,10 +102,10 @@ def test_the_log_is_judged(flight):
 
 
 def test_without_a_rigid_body_the_wind_is_unknown_and_said_so(flight):
-    found = measure(*flight[:3])
-    assert found.wind is None
-    assert "airspeed" not in found.quantities
-    assert "rigid body" in found.missing["airspeed"]
+    coverage = measure(*flight[:3])
+    assert coverage.wind is None
+    assert "airspeed" not in coverage.quantities
+    assert "rigid body" in coverage.missing["airspeed"]
 
 
 def test_where_the_wind_comes_from():
@@ -126,13 +128,13 @@ def test_time_adds_up_over_flights():
         covering("b", ground_speed=SLOW + 2.0),
         covering("c", ground_speed=SLOW),
     ]
-    found = envelope(flights, ["a", "b"], ["c"])
-    speed = found.quantities["ground_speed"]
+    ranges = envelope(flights, ["a", "b"], ["c"])
+    speed = ranges.quantities["ground_speed"]
     assert sum(speed.training) == 200.0
     assert sum(speed.held_out) == 100.0
     assert speed.first == 0
-    assert found.map.training == ((0, 1, 200.0),)
-    assert [wind.part for wind in found.winds] == ["training", "training", "held-out"]
+    assert ranges.map.training == ((0, 1, 200.0),)
+    assert [wind.part for wind in ranges.winds] == ["training", "training", "held-out"]
     edges = speed.step * (speed.first + np.arange(len(speed.training)))
     counts = np.histogram(np.concatenate([SLOW, SLOW + 2.0]), np.append(edges, edges[-1] + speed.step))[0]
     assert np.allclose(speed.training, counts / 10.0, atol=0.06)
@@ -140,11 +142,11 @@ def test_time_adds_up_over_flights():
 
 def test_leaving_the_fitted_range_is_found_with_its_part_and_reach():
     fast = np.concatenate([np.full(700, 3.0), np.full(300, 14.5)])
-    found = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=fast)], ["a"], ["b"])
-    (out,) = found.outside
+    ranges = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=fast)], ["a"], ["b"])
+    (out,) = ranges.outside
     assert (out.flight, out.quantity, out.fitted) == ("b", "ground_speed", (0.0, 7.0))
     assert (out.part, out.reach) == (0.3, 14.5)
-    (finding,) = found.findings
+    (finding,) = ranges.findings
     assert finding.id == "outside-fitted-range"
     assert "ground speed up to 14.5 m/s (fitted to 7 m/s) for 30 % of its time" in finding.reason
 
@@ -160,9 +162,9 @@ def test_a_blip_in_training_fits_nothing():
     """Half a per cent of training time is left out at either end: 0.3 s of 100 s at 20 m/s are no range."""
     training = np.concatenate([SLOW[:997], [20.0] * 3])
     fast = np.full(1000, 19.5)
-    found = envelope([covering("a", ground_speed=training), covering("b", ground_speed=fast)], ["a"], ["b"])
-    assert found.quantities["ground_speed"].fitted == (0.0, 7.0)
-    assert found.outside[0].part == 1.0
+    ranges = envelope([covering("a", ground_speed=training), covering("b", ground_speed=fast)], ["a"], ["b"])
+    assert ranges.quantities["ground_speed"].fitted == (0.0, 7.0)
+    assert ranges.outside[0].part == 1.0
 
 
 def test_ranges_below_are_left_too_and_angles_are_told_in_degrees():
@@ -170,12 +172,12 @@ def test_ranges_below_are_left_too_and_angles_are_told_in_degrees():
         covering("a", density=np.full(1000, 1.2), tilt=np.full(1000, 0.05)),
         covering("b", density=np.full(1000, 0.9), tilt=np.full(1000, 0.3)),
     ]
-    found = envelope(flights, ["a"], ["b"])
-    assert [out.quantity for out in found.outside] == ["density", "tilt"]
-    assert "air density down to 0.9 kg/m^3 (fitted from 1.18 kg/m^3)" in found.findings[0].reason or (
-        "air density down to 0.9 kg/m^3 (fitted from 1.2 kg/m^3)" in found.findings[0].reason
+    ranges = envelope(flights, ["a"], ["b"])
+    assert [out.quantity for out in ranges.outside] == ["density", "tilt"]
+    assert "air density down to 0.9 kg/m^3 (fitted from 1.18 kg/m^3)" in ranges.findings[0].reason or (
+        "air density down to 0.9 kg/m^3 (fitted from 1.2 kg/m^3)" in ranges.findings[0].reason
     )
-    assert "tilt up to 17.2° (fitted to 5°)" in found.findings[0].reason
+    assert "tilt up to 17.2° (fitted to 5°)" in ranges.findings[0].reason
     assert readable("rad/s", pi / 6) == "30°/s"
 
 
@@ -187,16 +189,16 @@ def test_where_the_position_is_poor_nothing_is_called_extrapolation():
 
 def test_how_far_is_told_by_what_was_flown_and_not_by_a_blip():
     mostly = np.concatenate([np.full(980, 12.5), np.full(20, 30.0)])
-    found = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=mostly)], ["a"], ["b"])
-    assert found.outside[0].reach == 12.5
+    ranges = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=mostly)], ["a"], ["b"])
+    assert ranges.outside[0].reach == 12.5
     assert readable("part of full thrust", 0.65) == "65 % of full thrust"
 
 
 def test_flights_without_coverage_leave_no_trace_and_no_error():
     bare = flown("bare")
     assert envelope([bare], ["bare"], []) is None
-    found = envelope([bare, covering("a", ground_speed=SLOW)], [], ["a", "bare"])
-    assert found.held_out == ("a",)
-    assert found.quantities["ground_speed"].fitted is None
-    assert not found.outside
-    json.dumps(plain(found), allow_nan=False)
+    ranges = envelope([bare, covering("a", ground_speed=SLOW)], [], ["a", "bare"])
+    assert ranges.held_out == ("a",)
+    assert ranges.quantities["ground_speed"].fitted is None
+    assert not ranges.outside
+    json.dumps(plain(ranges), allow_nan=False)

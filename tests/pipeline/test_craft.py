@@ -21,7 +21,7 @@ from tests.pipeline.builders import NOON, OCTA, flown
         (flown("elsewhere", lat=0.8001), False),
         (flown("next", start=NOON + timedelta(minutes=2)), False),
     ],
-    ids=lambda each: getattr(each, "name", ""),
+    ids=lambda case: getattr(case, "name", ""),
 )
 def test_the_same_flight_is_known_by_its_content_or_by_place_and_time(other, same):
     assert same_flight(flown("a"), other) is same
@@ -84,14 +84,14 @@ def test_of_any_flights_each_is_kept_once(flights):
 
 def _reached(flight, other, entries):
     """Whether two recordings are the same flight, directly or through others."""
-    found, new = {flight.name}, [flight]
+    names, new = {flight.name}, [flight]
     while new:
         at = new.pop()
-        for each in entries:
-            if each.name not in found and same_flight(at, each):
-                found.add(each.name)
-                new.append(each)
-    return other.name in found
+        for entry in entries:
+            if entry.name not in names and same_flight(at, entry):
+                names.add(entry.name)
+                new.append(entry)
+    return other.name in names
 
 
 def test_a_changed_tune_is_said_between_the_flights_where_it_changed():
@@ -120,11 +120,11 @@ def test_a_changed_thrust_curve_keeps_flights_apart_and_says_so():
         flown("b", board="x", craft=prints[1], vehicle=other, lat=0.1),
         flown("c", board="y", craft="another", lat=0.2),
     ]
-    found = kept_apart(by_craft(flights))
-    (reason,) = found[prints[0]]
+    why = kept_apart(by_craft(flights))
+    (reason,) = why[prints[0]]
     assert "thrust_expo 0.65 → 0.5" in reason.reason
     assert "b" in reason.reason
-    assert not found["another"]
+    assert not why["another"]
 
 
 def test_what_is_learned_in_flight_is_no_change_of_tune():

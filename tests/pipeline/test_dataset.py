@@ -55,11 +55,11 @@ def test_pandas_pyarrow_and_duckdb_read_the_dataset(flights, folder):
     assert np.array_equal(rows["p_n"], flights[1].trajectory.states["p_n"])
     assert np.array_equal(rows["sigma_p_n"], flights[1].trajectory.sigma["p_n"])
 
-    found = duckdb.sql(
+    answers = duckdb.sql(
         f"select flight, count(*) as n, max(m1) as top from read_parquet('{folder}/motors/**/*.parquet', "
         "hive_partitioning = true) group by flight order by flight"
     ).fetchall()
-    assert found == [(f"log_{each.name}", len(each.motors), each.motors["m1"].max()) for each in flights]
+    assert answers == [(f"log_{flight.name}", len(flight.motors), flight.motors["m1"].max()) for flight in flights]
 
 
 def test_columns_have_one_type_in_every_log_and_their_units(folder):

@@ -17,7 +17,7 @@ from tests.pipeline.histories import CRAFT, flights_of, series
 
 
 def history_of(drift, parameter):
-    return next(each for each in drift.parameters if each.parameter == parameter)
+    return next(history for history in drift.parameters if history.parameter == parameter)
 
 
 def test_false_alarms_keep_to_the_rate_for_the_whole_craft():
@@ -25,8 +25,8 @@ def test_false_alarms_keep_to_the_rate_for_the_whole_craft():
     random = np.random.default_rng(20261121)
     alarmed = sum(
         any(
-            each.change is not None
-            for each in follow(flights_of(series(random, int(random.integers(4, 15))))).parameters
+            parameter.change is not None
+            for parameter in follow(flights_of(series(random, int(random.integers(4, 15))))).parameters
         )
         for _ in range(300)
     )
@@ -36,15 +36,15 @@ def test_false_alarms_keep_to_the_rate_for_the_whole_craft():
 def test_a_drift_is_found_with_its_power_and_size():
     """Thrust falls by 1 % per flight over ten flights that differ by 1.2 %: nearly always found, never another."""
     random = np.random.default_rng(4)
-    found = []
+    sizes = []
     for _ in range(40):
         drift = follow(flights_of(series(random, 10, drift=("thrust over mass", -0.085))))
         history = history_of(drift, "thrust over mass")
         if history.trend.significant:
-            found.append(history.trend.per_flight)
-        assert sum(each.change is not None for each in drift.parameters if each is not history) <= 1
-    assert len(found) >= 34
-    assert np.mean(found) == pytest.approx(-0.085, rel=0.1)
+            sizes.append(history.trend.per_flight)
+        assert sum(parameter.change is not None for parameter in drift.parameters if parameter is not history) <= 1
+    assert len(sizes) >= 34
+    assert np.mean(sizes) == pytest.approx(-0.085, rel=0.1)
 
 
 def test_a_step_is_found_where_it_is():
@@ -135,9 +135,9 @@ def test_a_moving_centre_of_gravity_is_no_weak_motor():
     drift = follow(hovering(np.random.default_rng(13), "octa", 10, shift=0.02))
     assert drift.motors.weakening is None
     assert "a shift of the centre of gravity explains it" in drift.motors.sentence
-    (told,) = drift.findings
-    assert told.id == "parameter-drift"
-    assert "centre of gravity" in told.reason
+    (finding,) = drift.findings
+    assert finding.id == "parameter-drift"
+    assert "centre of gravity" in finding.reason
 
 
 def test_two_flights_do_not_tell_of_motors_but_show_how_hard_they_worked():
@@ -167,10 +167,10 @@ def test_a_binary_moderator_is_the_two_sample_t_test():
 
 def test_a_flight_that_knows_nothing_leaves_the_scatter_of_the_others():
     """Beside errors of 1e-9 and of 1000 the scatter once came out as 297,360."""
-    found = meta_regression([1.0, 2.0, 4.0, 3.0], [1e-9, 1e-9, 1e-9, 1000.0])
-    residuals = np.array([1.0, 2.0, 4.0, 3.0]) - found.beta[0]
-    assert np.sum(residuals**2 * found.weights) == pytest.approx(3.0)
-    assert found.tau == pytest.approx(np.sqrt(14.0 / 9.0), rel=1e-4), "the sum of squares of 1, 2 and 4, over 3"
+    pooled = meta_regression([1.0, 2.0, 4.0, 3.0], [1e-9, 1e-9, 1e-9, 1000.0])
+    residuals = np.array([1.0, 2.0, 4.0, 3.0]) - pooled.beta[0]
+    assert np.sum(residuals**2 * pooled.weights) == pytest.approx(3.0)
+    assert pooled.tau == pytest.approx(np.sqrt(14.0 / 9.0), rel=1e-4), "the sum of squares of 1, 2 and 4, over 3"
 
 
 def test_what_cannot_be_told_apart_is_refused():

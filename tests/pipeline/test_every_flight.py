@@ -56,8 +56,8 @@ def test_a_blow_is_told_of_the_flight_that_it_ended():
     blows = []
     for log in logs:
         account = tell(log, Span(log.flight.start, log.flight.stop))
-        blows.append([each.t for each in account.happenings if each.id == "hard-landing"])
-    assert [len(each) for each in blows] == [1, 0, 1]
+        blows.append([happening.t for happening in account.happenings if happening.id == "hard-landing"])
+    assert [len(blow) for blow in blows] == [1, 0, 1]
     assert blows[2][0] == pytest.approx(256.1, abs=0.5)
 
 

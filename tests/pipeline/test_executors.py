@@ -42,13 +42,13 @@ def pipe(tmp_path):
 @contextmanager
 def heard(pipe: Path, program: "subprocess.Popen[bytes] | None" = None) -> Iterator[TextIO]:
     """Open a pipe to read once somebody writes into it; a program that should and has died must not be waited for."""
-    told = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    reports = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     ready = select.poll()
-    ready.register(told, select.POLLIN)
+    ready.register(reports, select.POLLIN)
     while not ready.poll(1000.0):
         assert program is None or program.poll() is None, program.communicate()
-    os.set_blocking(told, True)
-    with os.fdopen(told) as file:
+    os.set_blocking(reports, True)
+    with os.fdopen(reports) as file:
         yield file
 
 
@@ -73,8 +73,8 @@ def test_calls_and_what_they_raise_come_back(pair):
 
 def test_a_killed_worker_is_replaced_and_its_call_tried_again(pair, tmp_path, pipe):
     def kill() -> None:
-        with heard(pipe) as told:
-            os.kill(int(told.readline()), signal.SIGKILL)
+        with heard(pipe) as reports:
+            os.kill(int(reports.readline()), signal.SIGKILL)
 
     killer = threading.Thread(target=kill)
     killer.start()
@@ -138,14 +138,14 @@ def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe,
         stderr=subprocess.PIPE,
         start_new_session=True,
     )
-    with heard(pipe, program) as told:
-        told.readline()
-        told.readline()
+    with heard(pipe, program) as reports:
+        reports.readline()
+        reports.readline()
         if ended_by == signal.SIGINT:  # a terminal sends it to all of them
             os.killpg(program.pid, ended_by)
         else:
             program.send_signal(ended_by)
-        assert told.read() == ""  # comes when the last worker is gone; three calls never began
+        assert reports.read() == ""  # comes when the last worker is gone; three calls never began
     _, errors = program.communicate()
     assert program.returncode == -ended_by
     assert not [path for path in scratch.iterdir() if path.name.startswith("rotorid-")]
@@ -157,8 +157,8 @@ def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe,
 def test_temporary_files_of_a_killed_worker_go_too(pair, tmp_path, pipe):
     assert Path(pair.submit(tempfile.gettempdir).result()).is_relative_to(tempfile.gettempdir())
     lost = pair.submit(calls.stay, pipe)
-    with heard(pipe) as told:
-        worker = int(told.readline())
+    with heard(pipe) as reports:
+        worker = int(reports.readline())
         folder = pair.submit(tempfile.mkdtemp).result()
         assert Path(folder).is_dir()
         os.kill(worker, signal.SIGKILL)

@@ -61,14 +61,14 @@ def fitted(fleet):
 
 
 def test_a_second_run_does_nothing_and_finds_the_same(logs, tmp_path):
-    out, told = tmp_path / "out", []
+    out, remarks = tmp_path / "out", []
 
     def tell(entry):
-        told.append(entry.name)
+        remarks.append(entry.name)
         assert (out / "flights" / entry.folder / "entry.json").is_file()
 
     first, analyzed = run(logs, out, announce=tell)
-    assert sorted(analyzed) == sorted(told) == ["octa1", "octa2", "octa3", "quad"]
+    assert sorted(analyzed) == sorted(remarks) == ["octa1", "octa2", "octa3", "quad"]
     assert fitted(first) == ["ArduCopter quad plus"]
     written = (out / "manifest.json").stat().st_mtime_ns
     assert {*first.groups[0].training, *first.groups[0].held_out} == {"octa1", "octa2", "octa3"}
@@ -131,7 +131,7 @@ def test_flights_of_another_payload_are_a_build_of_their_own(logs, tmp_path, mon
     ]
     first, second = ({*group.training, *group.held_out} for group in fleet.groups)
     assert (first, second) == ({"octa1", "octa2", "octa3"}, {"octa5", "octa6"})
-    assert not [each for each in fleet.passed_over if "octa" in each.source]
+    assert not [file for file in fleet.passed_over if "octa" in file.source]
     assert sorted(fitted(fleet)) == [group.name for group in fleet.groups]
     again, analyzed = run(logs, tmp_path / "out")
     assert (analyzed, fitted(again), again.groups) == ([], [], fleet.groups)
@@ -186,7 +186,7 @@ def test_other_software_does_everything_anew(logs, tmp_path, monkeypatch):
     run(logs, out)
     heard: list[str] = []
     run(logs, out, progress=lambda what, _: heard.append(what))
-    assert not [each for each in heard if "another version" in each]
+    assert not [remark for remark in heard if "another version" in remark]
     of_software(monkeypatch, "0.2.0")
     assert len(run(logs, out, progress=lambda what, _: heard.append(what))[1]) == 4
     assert "results here are of another version of rotorid or its libraries, and are made anew" in heard
@@ -207,8 +207,8 @@ def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_pat
     fleet, analyzed = run(logs, out, publish=reports.publish)
     reports.write_fleet(fleet)
     assert len(analyzed) == 4
-    before = {each: each.read_text() for each in out.rglob("report.json")}
-    written = {each: each.stat().st_mtime_ns for each in out.rglob("report.html")}
+    before = {path: path.read_text() for path in out.rglob("report.json")}
+    written = {path: path.stat().st_mtime_ns for path in out.rglob("report.html")}
     again, analyzed = run(logs, out, publish=reports.publish)
     assert (analyzed, again.reused, again.reported) == ([], 4, True)
 
@@ -217,10 +217,10 @@ def test_another_style_sheet_draws_pages_anew_and_analyses_nothing(logs, tmp_pat
     styled, analyzed = run(logs, out, publish=reports.publish)
     assert analyzed == []
     assert not styled.reported, "the page on all flights is of the old style"
-    assert [each.name for each in styled.flights] == [each.name for each in fleet.flights]
-    assert all(each.stat().st_mtime_ns > written[each] for each in out.glob("flights/*/report.html"))
+    assert [flight.name for flight in styled.flights] == [flight.name for flight in fleet.flights]
+    assert all(path.stat().st_mtime_ns > written[path] for path in out.glob("flights/*/report.html"))
     # Of the same result, except for what is said when it was drawn.
-    assert {each: each.read_text() for each in out.rglob("report.json")} == before
+    assert {path: path.read_text() for path in out.rglob("report.json")} == before
     assert run(logs, out, publish=reports.publish)[0].reused == 4
 
 
@@ -247,8 +247,8 @@ def test_logs_that_are_gone_leave_the_report_but_not_the_store(logs, tmp_path):
     assert analyzed == []
     assert in_datasets() == everything - {"flight=octa3"}, "no query counts what the report does not"
     assert [flight.name for flight in fleet.flights] == ["octa1", "octa2", "quad"]
-    assert [each.file for each in fleet.removed] == ["octa3.bin"]
-    assert [each.file for each in run(logs, out)[0].removed] == ["octa3.bin"], "until it comes back"
+    assert [file.file for file in fleet.removed] == ["octa3.bin"]
+    assert [file.file for file in run(logs, out)[0].removed] == ["octa3.bin"], "until it comes back"
     (tmp_path / "octa3.bin").rename(logs / "octa3.bin")
     fleet, analyzed = run(logs, out)
     assert analyzed == []
@@ -301,12 +301,12 @@ def test_junk_is_listed_with_its_reason(logs, tmp_path):
     for _ in range(2):  # and again from what is stored
         fleet, _ = run(logs, out)
         manifests.append(fleet.manifest)
-        assert {each.file: each.reason.partition(" (")[0] for each in fleet.failures} == {
+        assert {failure.file: failure.reason.partition(" (")[0] for failure in fleet.failures} == {
             "torn.bin": "torn.bin is broken",
             "odd.bin": "unexpected ZeroDivisionError: division by zero",
         }
-        assert [each.file for each in fleet.passed_over] == ["more.txt", "notes.txt"]
-        assert {each.file: each.reason for each in fleet.duplicates} == {
+        assert [file.file for file in fleet.passed_over] == ["more.txt", "notes.txt"]
+        assert {duplicate.file: duplicate.reason for duplicate in fleet.duplicates} == {
             "z_copy.bin": "a copy of logs/octa1.bin",
             "copy.txt": "a copy of logs/torn.bin",
         }
@@ -314,7 +314,7 @@ def test_junk_is_listed_with_its_reason(logs, tmp_path):
     assert fleet.reused == 7
     assert manifests[0] == manifests[1]
     named = analyze_fleet([logs / "notes.txt"], CONFIG)
-    assert [each.file for each in named.failures] == ["notes.txt"], "who names a file wants to know"
+    assert [failure.file for failure in named.failures] == ["notes.txt"], "who names a file wants to know"
 
 
 def test_training_flights_that_do_not_exist_are_wrong_usage(logs, tmp_path):
@@ -386,7 +386,7 @@ def test_a_full_disk_keeps_what_is_done_and_names_the_rest(logs, tmp_path, monke
     with disk_full(monkeypatch, lambda path: path.endswith("octa2")):
         fleet, _ = run(logs, out)
     assert [flight.name for flight in fleet.flights] == ["octa1"]
-    reasons = {each.file: each.reason for each in fleet.failures}
+    reasons = {failure.file: failure.reason for failure in fleet.failures}
     assert reasons["octa2.bin"] == "its results could not be stored: No space left on device"
     assert "was not begun" in reasons["octa3.bin"]
     assert "No space left" in reasons["quad.bin"]
@@ -400,7 +400,9 @@ def test_a_craft_that_could_not_be_stored_is_named_and_tried_again(logs, tmp_pat
     with disk_full(monkeypatch, lambda path: path.startswith("crafts/")):
         fleet, _ = run(logs, out)
     assert fleet.groups == ()
-    assert [each.reason for each in fleet.failures] == ["its joint models could not be stored: No space left on device"]
+    assert [failure.reason for failure in fleet.failures] == [
+        "its joint models could not be stored: No space left on device"
+    ]
     fleet, analyzed = run(logs, out)
     assert analyzed == []
     assert fitted(fleet)

@@ -63,16 +63,16 @@ def test_odd_flights_of_a_fleet_of_a_thousand_are_named():
 def test_one_flight_is_not_lost_among_many(count):
     """A sum over all flights hid one of another payload: of 60 with 1.3 times the mass 23, 4 and 0 were named."""
     named = [list(unlike_flights(fleet(seed, count=count, payload={1: 1.4}))) for seed in range(12)]
-    assert sum(found == ["flight 1"] for found in named) >= 11
+    assert sum(names == ["flight 1"] for names in named) >= 11
     assert not any(unlike_flights(fleet(seed, count=count)) for seed in range(12))
 
 
 @pytest.mark.parametrize("mass", [0.6, 1.5, 2.0])
 def test_flights_of_another_payload_are_named(mass):
     for seed in range(10):
-        found = unlike_findings(fleet(seed, payload={1: mass, 4: mass}))
-        assert [finding.evidence["flight"] for finding in found] == ["flight 1", "flight 4"]
-        assert {finding.id for finding in found} == {"flights-not-alike"}
+        findings = unlike_findings(fleet(seed, payload={1: mass, 4: mass}))
+        assert [finding.evidence["flight"] for finding in findings] == ["flight 1", "flight 4"]
+        assert {finding.id for finding in findings} == {"flights-not-alike"}
 
 
 def test_on_one_day_a_tenth_of_payload_is_named():
@@ -80,8 +80,8 @@ def test_on_one_day_a_tenth_of_payload_is_named():
     day = datetime(2025, 6, 1, 12, tzinfo=UTC)
     for mass, least in ((1.1, 17), (0.9, 17), (1.15, 20)):
         named = [list(unlike_flights(fleet(seed, payload={2: mass}, day=day))) for seed in range(20)]
-        assert sum(each == ["flight 2"] for each in named) >= least
-        assert all(each in ([], ["flight 2"]) for each in named)
+        assert sum(names == ["flight 2"] for names in named) >= least
+        assert all(names in ([], ["flight 2"]) for names in named)
     assert not any(unlike_flights(fleet(seed, count=2 + seed % 12, day=day)) for seed in range(60))
 
 

@@ -186,8 +186,8 @@ def doubtful(monkeypatch):
     honest = estimation.estimate
 
     def estimate(*arguments, **settings):
-        found = honest(*arguments, **settings)
-        return replace(found, findings=(*found.findings, inconsistent("half of the GPS positions were refused")))
+        refused = honest(*arguments, **settings)
+        return replace(refused, findings=(*refused.findings, inconsistent("half of the GPS positions were refused")))
 
     monkeypatch.setattr(estimation, "estimate", estimate)
     return estimate
@@ -249,8 +249,8 @@ def result(table):
 @pytest.mark.slow
 def test_a_table_is_fitted_on_its_first_part_and_judged_on_the_rest(result):
     assert result.report.judged[0].startswith("flight.parquet [")
-    half = {each.state: each for each in result.report.errors if each.horizon == 0.5}
-    assert all(each.model < 0.2 * each.held for each in half.values()), half
+    half = {error.state: error for error in result.report.errors if error.horizon == 0.5}
+    assert all(error.model < 0.2 * error.held for error in half.values()), half
     numbers = json.loads(as_json(result.report))
     jsonschema.validate(numbers, schema("report"))
     assert numbers["model"]["charges"] == result.model.shape.charges
@@ -267,13 +267,13 @@ def test_a_table_is_fitted_on_its_first_part_and_judged_on_the_rest(result):
 @pytest.mark.slow
 def test_what_the_model_misses_is_noise_where_nothing_is_missing(result):
     """The simulated record's velocities have noise of 5 mm/s: 0.7 m/s^2 from sample to sample, and nothing else."""
-    missed = {each.name: each for each in result.report.missed}
+    missed = {quantity.name: quantity for quantity in result.report.missed}
     assert missed["force forward"].rms == pytest.approx(np.sqrt(2.0) * 5e-3 * 100.0, rel=0.1)
     assert missed["torque in yaw"].rms < 1.1 * missed["torque in yaw"].whole
     # The prediction one second ahead that is drawn is the one that was judged.
     error = np.linalg.norm((result.prediction.predicted - result.prediction.measured)[:, :3], axis=1)
     ahead = pytest.approx(1.0)
-    judged = next(each for each in result.report.errors if (each.state, each.horizon) == ("position", ahead))
+    judged = next(error for error in result.report.errors if (error.state, error.horizon) == ("position", ahead))
     assert np.sqrt(np.mean(error**2)) == pytest.approx(judged.model, rel=0.2)
 
 

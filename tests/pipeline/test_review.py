@@ -16,11 +16,11 @@ NOW = datetime(2027, 1, 1, tzinfo=UTC)
 
 def alerts_of_a_life(flights):
     """Look after every flight, as the service does; every alert once."""
-    found = {}
+    counts = {}
     for count in range(1, len(flights) + 1):
         for alert in review(flights[:count], now=NOW).alerts:
-            found.setdefault(alert.about, alert)
-    return found
+            counts.setdefault(alert.about, alert)
+    return counts
 
 
 @pytest.mark.parametrize(("histories", "most"), [(50, 2), pytest.param(400, 400 * RATE, marks=pytest.mark.whole)])
@@ -39,9 +39,9 @@ def test_a_motor_that_loses_3_percent_over_ten_flights_is_named(frame):
     """0.33 % a flight, seen by trims that scatter by 0.2 % between flights: no trim alone is that sure."""
     for seed in range(3):
         flights = hovering(np.random.default_rng(seed), frame, 10, weak=3, loss=0.03 / 9.0, scatter=0.002)
-        found = [each for each in review(flights, now=NOW).alerts if each.id == "motor-weakening"]
-        assert found
-        assert "motor m3 is weakening" in found[-1].text
+        alerts = [alert for alert in review(flights, now=NOW).alerts if alert.id == "motor-weakening"]
+        assert alerts
+        assert "motor m3 is weakening" in alerts[-1].text
 
 
 def test_motors_whose_trims_only_scatter_raise_nothing():
@@ -64,36 +64,36 @@ def test_a_note_parts_the_flights_and_the_change_is_told():
     """New propellers before the seventh flight: no alarm of drift, but the difference with its error."""
     flights = flights_of(series(np.random.default_rng(5), 12, step=("thrust over mass", 0.68)))
     note = CraftNote(at=START + timedelta(days=5, hours=12), text="new propellers", boundary=True)
-    found = review(flights, [note], now=NOW)
-    assert found.boundary == note
-    assert found.pooled == tuple(f"f{k:02d}" for k in range(6, 12))
-    assert found.alerts == ()
-    changed = [each for each in found.since if each.significant]
-    assert [each.parameter for each in changed] == ["thrust over mass"]
+    reviewed = review(flights, [note], now=NOW)
+    assert reviewed.boundary == note
+    assert reviewed.pooled == tuple(f"f{k:02d}" for k in range(6, 12))
+    assert reviewed.alerts == ()
+    changed = [change for change in reviewed.since if change.significant]
+    assert [change.parameter for change in changed] == ["thrust over mass"]
     assert abs(changed[0].difference - 0.68) < 3.0 * changed[0].difference_sigma
-    assert found.whole is not None
-    assert len(found.whole.flights) == 12
+    assert reviewed.whole is not None
+    assert len(reviewed.whole.flights) == 12
     mark = dataclasses.replace(note, boundary=False)
-    assert review(flights, [mark], now=NOW).pooled == found.whole.flights
+    assert review(flights, [mark], now=NOW).pooled == reviewed.whole.flights
 
 
 def test_flights_that_come_out_of_order_or_with_a_clock_of_1980_find_their_place():
     flights = flights_of(series(np.random.default_rng(2), 6))
     unset = dataclasses.replace(flights[3], start_utc=datetime(1980, 1, 6, tzinfo=UTC))
     came = [flights[2], unset, flights[0], flights[1], flights[5], flights[4]]
-    found = review(came, now=NOW)
-    assert found.flights == ("f00", "f01", "f02", "f03", "f04", "f05")
-    assert found.remarks == ("the clock of f03 was not set: placed in the order in which the logs came",)
-    none = [dataclasses.replace(each, start_utc=None) for each in came]
-    assert review(none, now=NOW).flights == tuple(sorted(each.name for each in came))
+    reviewed = review(came, now=NOW)
+    assert reviewed.flights == ("f00", "f01", "f02", "f03", "f04", "f05")
+    assert reviewed.remarks == ("the clock of f03 was not set: placed in the order in which the logs came",)
+    none = [dataclasses.replace(flight, start_utc=None) for flight in came]
+    assert review(none, now=NOW).flights == tuple(sorted(flight.name for flight in came))
 
 
 def test_a_flight_that_came_twice_counts_once():
     flights = flights_of(series(np.random.default_rng(2), 5))
     copy = dataclasses.replace(flights[2], name="f02 (2)", format="tlog")
-    found = review([*flights, copy], now=NOW)
-    assert found.flights == ("f00", "f01", "f02", "f03", "f04")
-    assert found.remarks == ("1 of the logs is a further recording of flights that are here",)
+    reviewed = review([*flights, copy], now=NOW)
+    assert reviewed.flights == ("f00", "f01", "f02", "f03", "f04")
+    assert reviewed.remarks == ("1 of the logs is a further recording of flights that are here",)
 
 
 def test_two_craft_with_one_board_are_seen_by_their_clocks():
@@ -106,12 +106,12 @@ def test_two_craft_with_one_board_are_seen_by_their_clocks():
 def test_another_scaling_of_commands_is_not_pooled():
     flights = flights_of(series(np.random.default_rng(2), 5))
     built = {**flights[0].build, "spin_min": 0.2}
-    flights[3:] = [dataclasses.replace(each, build=built) for each in flights[3:]]
-    found = review(flights, now=NOW)
-    assert found.pooled == ("f03", "f04")
-    assert "3 of the flights were flown with another build" in found.remarks[0]
+    flights[3:] = [dataclasses.replace(flight, build=built) for flight in flights[3:]]
+    reviewed = review(flights, now=NOW)
+    assert reviewed.pooled == ("f03", "f04")
+    assert "3 of the flights were flown with another build" in reviewed.remarks[0]
 
 
 def test_nothing_to_look_at():
-    found = review([], now=NOW)
-    assert (found.flights, found.drift, found.alerts) == ((), None, ())
+    reviewed = review([], now=NOW)
+    assert (reviewed.flights, reviewed.drift, reviewed.alerts) == ((), None, ())

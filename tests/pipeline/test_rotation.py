@@ -41,20 +41,20 @@ def test_margins_are_judged_by_their_numbers(computed, state):
 
 def test_an_ordinary_flight_tells_roll_and_pitch_and_why_not_yaw():
     log = logparse.read_log(SQUARE)
-    found = find_rotation(log, Span(log.flight.start, log.flight.stop))
-    axes = {axis.axis: axis for axis in found.axes}
+    rotation = find_rotation(log, Span(log.flight.start, log.flight.stop))
+    axes = {axis.axis: axis for axis in rotation.axes}
     assert axes["roll"].determined
     assert axes["pitch"].determined
     assert not axes["yaw"].determined
     assert "short stick inputs" in axes["yaw"].reason
-    assert all("SYSTEMID" in axis.loop_reason for axis in found.axes)
+    assert all("SYSTEMID" in axis.loop_reason for axis in rotation.axes)
 
 
 def test_only_the_sound_part_counts():
     log = logparse.read_log(SQUARE)
     start, stop = log.flight.start, log.flight.start + 40.0
-    found = find_rotation(log, Span(start, stop))
-    for axis in found.axes:
+    rotation = find_rotation(log, Span(start, stop))
+    for axis in rotation.axes:
         if axis.rate is not None:
             assert axis.rate.seconds <= stop - start
     short = find_rotation(log, Span(start, start + 5.0))
@@ -64,11 +64,11 @@ def test_only_the_sound_part_counts():
 
 def test_advice_names_bits_and_axes():
     flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
-    advice = {each.id: each for each in for_flight(flight)}
+    advice = {item.id: item for item in for_flight(flight)}
     assert "SID_AXIS 11 for pitch and 12 for yaw" in advice["chirps-for-margins"].do
     assert "bit 12 (PID)" in advice["chirps-for-margins"].do
     without = for_flight(replace(flight, rotation=Failure("rotation", "no rates")))
-    assert "chirps-for-margins" not in {each.id for each in without}
+    assert "chirps-for-margins" not in {item.id for item in without}
 
 
 @pytest.mark.parametrize(
@@ -81,7 +81,7 @@ def test_advice_names_bits_and_axes():
     ],
 )
 def test_margins_of_ordinary_flying_say_only_what_the_whole_interval_says(gain, phase, state):
-    bounds = {name: each for name, each in (("gain_db", gain), ("phase_deg", phase)) if each is not None}
+    bounds = {name: bound for name, bound in (("gain_db", gain), ("phase_deg", phase)) if bound is not None}
     computed = replace(margins(7.0, 50.0), intervals=bounds)
     assert state_of(computed, ordinary=True) is state
 
@@ -89,8 +89,8 @@ def test_margins_of_ordinary_flying_say_only_what_the_whole_interval_says(gain, 
 def test_firmware_without_the_mode_is_not_told_to_fly_it(monkeypatch):
     log = logparse.read_log(SQUARE)
     monkeypatch.setitem(vars(log), "vehicle", replace(log.vehicle, firmware="ArduCopter", version="3.3-dev"))
-    found = find_rotation(log, Span(log.flight.start, log.flight.stop))
-    assert all("3.3-dev" in axis.loop_reason and "SYSTEMID" not in axis.loop_reason for axis in found.axes)
+    rotation = find_rotation(log, Span(log.flight.start, log.flight.stop))
+    assert all("3.3-dev" in axis.loop_reason and "SYSTEMID" not in axis.loop_reason for axis in rotation.axes)
 
 
 FLIGHT = Span(0.0, 60.0)
@@ -119,8 +119,8 @@ def flown(*lines: float, swing: float = 0.0, frame: float = 0.0, esc: bool = Fal
 
 def test_lines_at_the_rotors_speed_and_its_multiples_are_theirs():
     spectrum = vibration_spectrum(flown(1.0, 2.0, frame=130.0, esc=True), FLIGHT, NOTCH | {"INS_HNTCH_HMNCS": 1.0})
-    found = {round(peak.hz): (peak.rotor_multiple, peak.notch) for peak in spectrum.peaks}
-    assert found == {80: (1, "INS_HNTCH"), 160: (2, ""), 130: (0, "")}
+    peaks = {round(peak.hz): (peak.rotor_multiple, peak.notch) for peak in spectrum.peaks}
+    assert peaks == {80: (1, "INS_HNTCH"), 160: (2, ""), 130: (0, "")}
     text = peaks_in_words(spectrum)
     assert "160 Hz (rotors × 2)" in text
     assert "No notch covers 160 Hz." in text
@@ -135,7 +135,7 @@ def test_without_telemetry_a_line_that_goes_with_the_outputs_is_the_rotors():
 
 
 def test_notches_reach_as_far_as_their_bandwidth_and_harmonics_say():
-    notches = {each.name: (each.low, each.high) for each in vibration_spectrum(flown(), FLIGHT, NOTCH).notches}
+    notches = {notch.name: (notch.low, notch.high) for notch in vibration_spectrum(flown(), FLIGHT, NOTCH).notches}
     assert notches["INS_HNTCH"] == pytest.approx((60.0, 100.0))
     assert notches["INS_HNTCH × 2"] == pytest.approx((120.0, 200.0))
 

@@ -34,12 +34,12 @@ def fleet(asked) -> FleetResult:
 @pytest.fixture(scope="module")
 def flights(fleet):
     """Return the numbers of every flight, by name."""
-    return {each.name: fleet.store.read_json(f"flights/{each.folder}/report.json") for each in fleet.flights}
+    return {flight.name: fleet.store.read_json(f"flights/{flight.folder}/report.json") for flight in fleet.flights}
 
 
 def test_every_log_has_a_result_or_a_reason(fleet, asked):
-    found = {Path(flight.source).name for flight in fleet.flights} | {each.file for each in fleet.failures}
-    assert found == {path.name for path in asked}
+    names = {Path(flight.source).name for flight in fleet.flights} | {failure.file for failure in fleet.failures}
+    assert names == {path.name for path in asked}
     for failure in fleet.failures:
         assert len(failure.reason) > 20
         assert "unexpected" not in failure.reason

@@ -17,12 +17,12 @@ from pipeline.storage.manifest import Manifest
 from pipeline.storage.sources import digest, fetched, find
 
 
-def files(found):
-    return [(source.file, source.named) for source in found.sources]
+def files(listing):
+    return [(source.file, source.named) for source in listing.sources]
 
 
 def reasons(passed_over):
-    return {Path(each.source).name: each.reason for each in passed_over}
+    return {Path(file.source).name: file.reason for file in passed_over}
 
 
 def test_folders_are_searched_and_named_files_marked(tmp_path):
@@ -45,9 +45,9 @@ def test_links_are_followed_but_not_in_a_circle(tmp_path):
     (far / "back").symlink_to(logs)
     (logs / "nowhere.bin").symlink_to(tmp_path / "missing")
     (logs / "itself.bin").symlink_to(logs / "itself.bin")
-    found = find([logs])
-    assert files(found) == [("a.bin", False), ("b.bin", False)]
-    assert reasons(found.passed_over) == {"nowhere.bin": "a link to nothing", "itself.bin": "a link to nothing"}
+    listing = find([logs])
+    assert files(listing) == [("a.bin", False), ("b.bin", False)]
+    assert reasons(listing.passed_over) == {"nowhere.bin": "a link to nothing", "itself.bin": "a link to nothing"}
 
 
 def test_results_that_lie_among_the_logs_are_no_logs(tmp_path):
@@ -70,25 +70,25 @@ def test_what_cannot_be_read_is_named(tmp_path):
         return scandir(path)
 
     with mock.patch.object(os, "scandir", guarded):
-        found = find([tmp_path, tmp_path / "void", tmp_path / "missing.bin"])
-    assert reasons(found.passed_over) == {
+        listing = find([tmp_path, tmp_path / "void", tmp_path / "missing.bin"])
+    assert reasons(listing.passed_over) == {
         "pipe.bin": "neither a file nor a folder",
         "closed": "cannot be opened: Permission denied",
         "void": "holds no further files",
     }
-    assert reasons(found.failures) == {"missing.bin": "cannot be opened: No such file or directory"}
+    assert reasons(listing.failures) == {"missing.bin": "cannot be opened: No such file or directory"}
 
 
 def test_urls_are_searched_and_fetched_like_folders(tmp_path):
     memory = fsspec.filesystem("memory")
     memory.pipe({"/far/logs/a.bin": b"first", "/far/logs/day/b.bin": b"second", "/far/logs/.hidden/c.bin": b"third"})
     try:
-        found = find(["memory://far/logs"])
-        assert files(found) == [("a.bin", False), ("b.bin", False)]
-        assert [source.size for source in found.sources] == [5, 6]
-        assert files(find([found.sources[1].url])) == [("b.bin", True)]
-        assert digest(found.sources[0].url) == hashlib.sha256(b"first").hexdigest()
-        with fetched(found.sources[1].url) as file:
+        listing = find(["memory://far/logs"])
+        assert files(listing) == [("a.bin", False), ("b.bin", False)]
+        assert [source.size for source in listing.sources] == [5, 6]
+        assert files(find([listing.sources[1].url])) == [("b.bin", True)]
+        assert digest(listing.sources[0].url) == hashlib.sha256(b"first").hexdigest()
+        with fetched(listing.sources[1].url) as file:
             assert (file.name, file.read_bytes()) == ("b.bin", b"second")
         assert not file.exists()
         assert "no-such" in find(["memory://far/no-such.bin"]).failures[0].source
@@ -97,9 +97,9 @@ def test_urls_are_searched_and_fetched_like_folders(tmp_path):
 
 
 def test_storage_that_fails_in_its_own_way_is_a_failure_of_its_own():
-    found = find(["nonsense://a/b.bin"])
-    assert not found.sources
-    assert "nonsense" in found.failures[0].reason
+    listing = find(["nonsense://a/b.bin"])
+    assert not listing.sources
+    assert "nonsense" in listing.failures[0].reason
     with pytest.raises(OSError, match="nonsense"), fetched("nonsense://a/b.bin"):
         pass
 
@@ -124,7 +124,9 @@ def stock(folder, former=None, config=CONFIG):
 
 def analyzed(records):
     """Make the manifest of a run that ended well."""
-    return Manifest(logs=tuple(inventory.replace(each, state="analysed") if each.key else each for each in records))
+    return Manifest(
+        logs=tuple(inventory.replace(record, state="analysed") if record.key else record for record in records)
+    )
 
 
 def test_flights_are_named_after_files_uniquely():

@@ -28,12 +28,12 @@ FLEETS = st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3), st.floats(0.2,
 @given(FLEETS)
 def test_halves_are_even_at_every_place_on_every_day(flights):
     split = choose_split(flights, CONFIG)
-    assert sorted((*split.training, *split.held_out)) == [each.name for each in flights]
+    assert sorted((*split.training, *split.held_out)) == [entry.name for entry in flights]
     assert abs(len(split.training) - len(split.held_out)) <= 1
     places = places_of(flights)
     ahead = Counter()
-    for each in flights:
-        ahead[places[each.name], day_of(each)] += 1 if each.name in split.training else -1
+    for entry in flights:
+        ahead[places[entry.name], day_of(entry)] += 1 if entry.name in split.training else -1
     assert max(map(abs, ahead.values())) <= 1
 
 
@@ -41,8 +41,8 @@ def test_halves_are_even_at_every_place_on_every_day(flights):
 @given(FLEETS, st.randoms(use_true_random=False))
 def test_the_order_of_the_files_does_not_matter_and_the_liveliest_flight_trains(flights, random):
     split = choose_split(flights, CONFIG)
-    best = max(excitation(each) for each in flights)
-    assert any(excitation(each) == best for each in flights if each.name in split.training)
+    best = max(excitation(entry) for entry in flights)
+    assert any(excitation(entry) == best for entry in flights if entry.name in split.training)
     shuffled = list(flights)
     random.shuffle(shuffled)
     assert choose_split(shuffled, CONFIG) == split
@@ -56,7 +56,7 @@ def test_both_sides_cover_the_range_of_excitation():
         split = choose_split(flights, CONFIG)
         order = sorted(flights, key=excitation)
         for quarter in range(4):
-            part = [each.name in split.training for each in order[4 * quarter : 4 * quarter + 4]]
+            part = [entry.name in split.training for entry in order[4 * quarter : 4 * quarter + 4]]
             assert 1 <= sum(part) <= 3, "neither side lacks a quarter of the range"
 
 
@@ -96,7 +96,7 @@ def test_what_was_not_measured_is_not_taken_for_perfect():
     )
     split = choose_split([failed, unsure, loud, flight("d"), flight("e", 2.0)], CONFIG)
     assert split.training == ("e",)
-    assert {name: each.exclusion for name, each in split.never_train.items()} == {
+    assert {name: reason.exclusion for name, reason in split.never_train.items()} == {
         "a": Exclusion.POSITION_UNKNOWN,
         "b": Exclusion.POSITION_UNKNOWN,
         "c": Exclusion.EXCITATION_UNKNOWN,
@@ -124,10 +124,10 @@ def test_large_fleets_train_on_no_more_than_help():
     split = choose_split(flights, CONFIG)
     assert len(split.training) == MOST_TRAINING
     assert len(split.held_out) == 203 - MOST_TRAINING
-    chosen = [each for each in flights if each.name in split.training]
+    chosen = [entry for entry in flights if entry.name in split.training]
     assert max(map(excitation, flights)) == max(map(excitation, chosen))
-    assert set(places_of(flights).values()) == {places_of(flights)[each.name] for each in chosen}
-    assert len({day_of(each) for each in chosen}) >= MOST_TRAINING // 2
+    assert set(places_of(flights).values()) == {places_of(flights)[entry.name] for entry in chosen}
+    assert len({day_of(entry) for entry in chosen}) >= MOST_TRAINING // 2
     assert "less than 2.5 %" in split.sentence
 
 
@@ -137,8 +137,8 @@ def test_large_fleets_are_judged_on_no_more_than_tell():
     split = choose_split(flights, CONFIG)
     assert len(split.judging) == MOST_JUDGING
     assert set(split.judging) < set(split.held_out)
-    judges = [each for each in flights if each.name in split.judging]
-    assert {day_of(each) for each in judges} == {day_of(each) for each in flights}
+    judges = [entry for entry in flights if entry.name in split.judging]
+    assert {day_of(entry) for entry in judges} == {day_of(entry) for entry in flights}
     assert "judged on 100 of those held out" in split.sentence
     named = choose_split(flights, AnalysisConfig(training=("f00*",)))
     assert named.judging == named.held_out

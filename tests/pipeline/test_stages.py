@@ -80,8 +80,8 @@ def test_the_share_of_time_is_right_on_slow_and_fast_computers_and_with_a_stage_
         if name == "read":
             report.expect(takes | {"trajectory": 1.5})
     assert heard == sorted(heard)
-    told = [(each, share) for each, share in zip(heard, shares, strict=True) if share > 0.2]
-    assert all(share / 1.5 < each < share * 1.5 for each, share in told)
+    pairs = [(second, share) for second, share in zip(heard, shares, strict=True) if share > 0.2]
+    assert all(share / 1.5 < second < share * 1.5 for second, share in pairs)
     assert heard[-1] == pytest.approx(1.0)
 
 
@@ -90,7 +90,7 @@ def test_what_a_log_lacks_is_not_waited_for():
     flight = Span(log.flight.start, log.flight.stop)
     seconds = Workload.of(log, flight).seconds()
     assert seconds.keys() <= STAGES.keys()
-    assert all(each > 0.0 for each in seconds.values())
+    assert all(second > 0.0 for second in seconds.values())
     assert "motors" not in Workload.of(log, Span(flight.start, flight.start + 10.0)).seconds()
     assert Workload.of(log, None).seconds().keys() == {"read", "tables", "account", "trajectory", "report"}
 

@@ -40,9 +40,11 @@ def account(*happenings: Finding, flight: Span | None = FLIGHT, **changed) -> Ac
     ordered = gravest_first(happenings)
     story = tell_story(ordered)
     state = {} if flight is None else STATE | changed
-    told = "The log shows no flight." if flight is None else uneventful(flight, *map(state.get, READ), SPEED, seen=True)
-    told = headline(story, flight) or told
-    return Account(flight=flight, happenings=ordered, story=story, headline=told, sound=flight, **state)
+    sentence = (
+        "The log shows no flight." if flight is None else uneventful(flight, *map(state.get, READ), SPEED, seen=True)
+    )
+    sentence = headline(story, flight) or sentence
+    return Account(flight=flight, happenings=ordered, story=story, headline=sentence, sound=flight, **state)
 
 
 def signals() -> FlightSignals:

@@ -179,9 +179,9 @@ def craft(flight: FlightResult, other: FlightResult) -> GroupResult:
         training=("flight01",),
         held_out=("flight02",),
         split="every second flight in order of name trains, the others judge",
-        verdict=verdict_of(each.report for each in models),
-        models=tuple(each.report for each in models),
-        rmse=tuple(row for each in models for row in each.report.rmse),
+        verdict=verdict_of(model.report for model in models),
+        models=tuple(model.report for model in models),
+        rmse=tuple(row for model in models for row in model.report.rmse),
         missing={"thrust": "no accelerometer"},
     )
     return GroupResult(report=cleaned(report, CraftReport), models=models)

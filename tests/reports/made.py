@@ -21,17 +21,17 @@ def _made(kind: Any, value: Any) -> Any:
     if origin in (typing.Union, types.UnionType):
         if value is None:
             return None
-        return _made(next(each for each in arguments if each is not type(None)), value)
+        return _made(next(argument for argument in arguments if argument is not type(None)), value)
     if dataclasses.is_dataclass(kind) and isinstance(value, dict):
         hints = _hints(kind)
         fields = {field.name: field for field in dataclasses.fields(kind)}
         assert value.keys() <= fields.keys(), value.keys() - fields.keys()
-        given = {name: _made(hints[name], each) for name, each in value.items()}
+        given = {name: _made(hints[name], part) for name, part in value.items()}
         return kind(**{n: _nothing(hints[n]) for n, f in fields.items() if _required(f) and n not in given} | given)
     if origin is tuple and len(arguments) == 2 and arguments[1] is Ellipsis:
-        return tuple(_made(arguments[0], each) for each in value)
+        return tuple(_made(arguments[0], part) for part in value)
     if origin is Mapping:
-        return {key: _made(arguments[1], each) for key, each in value.items()}
+        return {key: _made(arguments[1], part) for key, part in value.items()}
     return kind(value) if isinstance(kind, type) and issubclass(kind, enum.Enum) else value
 
 

@@ -61,7 +61,7 @@ def craft(thrust, sigma=0.02, *, lag=(), errors=(0.2, 0.21, 0.19), name="quad x"
 
 
 def report(*crafts, **config):
-    names = dict.fromkeys(name for each in crafts for name in (*each["training"], *each["held_out"]))
+    names = dict.fromkeys(name for side in crafts for name in (*side["training"], *side["held_out"]))
     return made(
         FleetReport,
         rotorid="0.1.0",
@@ -139,7 +139,7 @@ def test_errors_of_models_settings_and_verdicts_stand_side_by_side():
         "spin_min": (0.15, 0.12),
         "rate": (10.0, 20.0),
     }
-    assert [(each.model, each.a, each.b) for each in pair.verdicts] == [("reference", "limited", "limited")]
+    assert [(verdict.model, verdict.a, verdict.b) for verdict in pair.verdicts] == [("reference", "limited", "limited")]
 
 
 def test_crafts_are_paired_by_name_and_the_lone_ones_named():

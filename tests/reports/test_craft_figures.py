@@ -71,17 +71,17 @@ def entries() -> list[FlightEntry]:
 
 @pytest.fixture(scope="module")
 def covered(entries) -> Envelope:
-    names = [each.name for each in entries]
-    found = envelope(entries, names[:-2], names[-2:])
-    assert found is not None
-    return found
+    names = [flight.name for flight in entries]
+    ranges = envelope(entries, names[:-2], names[-2:])
+    assert ranges is not None
+    return ranges
 
 
 @pytest.fixture(scope="module")
 def drift(entries) -> Drift:
-    found = follow(entries)
-    assert found is not None
-    return found
+    followed = follow(entries)
+    assert followed is not None
+    return followed
 
 
 def test_plotly_accepts_the_figures_of_a_craft(covered, drift):
@@ -97,7 +97,7 @@ def test_flying_beyond_what_was_fitted_is_seen_and_said(covered):
     heat, circles = coverage_figures(covered, "")[0].data
     assert max(circles["x"]) == 9.5
     assert max(heat["x"]) < 4.0
-    (sentence,) = [each for each in outside(covered) if "ground speed" in each]
+    (sentence,) = [line for line in outside(covered) if "ground speed" in line]
     assert sentence.startswith(f"flight{FLIGHTS - 1:02d}: ")
     (speed,) = [row for row in coverage_table(covered).rows if row.label.startswith("Ground speed")]
     assert speed.cells[1:] == ["2 to 4", "2 to 10"]
@@ -112,7 +112,8 @@ def test_the_wind_is_drawn_where_it_comes_from(covered):
 
 def test_what_changes_over_flights_comes_first(drift):
     thrust, lag = (
-        next(each for each in drift.parameters if each.parameter == name) for name in ("thrust over mass", "motor lag")
+        next(parameter for parameter in drift.parameters if parameter.parameter == name)
+        for name in ("thrust over mass", "motor lag")
     )
     assert thrust.change is not None
     assert lag.change is None
@@ -126,10 +127,10 @@ def test_what_changes_over_flights_comes_first(drift):
 
 
 def test_flights_without_a_date_stand_in_order_of_name(entries):
-    numbers = follow([replace(each, start_utc=None) for each in entries])
+    numbers = follow([replace(flight, start_utc=None) for flight in entries])
     axis = drift_figures(numbers, "")[0][-1].layout["xaxis"]
     assert axis["type"] == "category"
-    assert axis["categoryarray"] == [each.name for each in entries]
+    assert axis["categoryarray"] == [flight.name for flight in entries]
 
 
 def test_nothing_measured_draws_nothing():

@@ -59,8 +59,8 @@ def loop(axis: str, phase: float, sigma: float = 2.0, *, stable=True) -> AxisRot
 
 
 def answered(given: FlightResult, /, *happenings, state=None, **changed) -> FlightResult:
-    told = account(*happenings, **(state or {}))
-    result = dataclasses.replace(given, **({"account": told, "signals": signals()} | changed))
+    flight_account = account(*happenings, **(state or {}))
+    result = dataclasses.replace(given, **({"account": flight_account, "signals": signals()} | changed))
     return dataclasses.replace(result, answer=compose_answer(result))
 
 
@@ -114,8 +114,8 @@ def test_pages_have_few_words(kinds):
 def test_what_happened_comes_first_then_the_state_then_what_is_identified(kinds):
     order = ["Happened", "Flown", "Battery", "Vibration", "GPS", "Thrust", "Motors", "Loops", "Predict ahead"]
     for name, result in kinds.items():
-        shown = [each for each in purposes(result) if each in order]
-        assert shown == [each for each in order if each in shown], name
+        shown = [purpose for purpose in purposes(result) if purpose in order]
+        assert shown == [purpose for purpose in order if purpose in shown], name
         assert not any("nan" in f"{line.value} {line.text}" for line in result.answer.lines), name
     assert purposes(kinds["no flight"]) == ["Happened"]
 
@@ -300,7 +300,7 @@ def test_a_reason_that_many_flights_share_is_said_once(flight):
 
 
 def test_a_folder_tells_first_how_many_flights_ended_badly(kinds):
-    flights = [dataclasses.replace(flight_report(each).in_short(name), name=name) for name, each in kinds.items()]
+    flights = [dataclasses.replace(flight_report(kind).in_short(name), name=name) for name, kind in kinds.items()]
     numbers = made(FleetReport, flights=flights)
     assert [flight.happened for flight in flights][:2] == ["uneventful", "motor fault, crash"]
     first = fleet_answer(numbers)[0]
@@ -339,14 +339,14 @@ def test_a_folder_tells_before_all_what_changed_over_its_flights(kinds):
     numbers = made(FleetReport, flights=flights, groups=[{"name": "quad", "drift": drift}])
     first = fleet_answer(numbers)[0]
     assert first.text == "Thrust over mass fell by 32 ± 3 % between 10 November 2014 and 14 November 2014."
-    page = fleet_page(numbers, [each for each in numbers.groups if isinstance(each, CraftReport)])
+    page = fleet_page(numbers, [group for group in numbers.groups if isinstance(group, CraftReport)])
     assert 'id="plot-first-course"' in page
     assert 'href="craft1.html"' in page
 
 
 def test_a_folder_rounds_its_numbers_as_its_flights_do(kinds):
     flights = [dataclasses.replace(flight_report(kinds["good"]).in_short("good"), name="good")]
-    said = {each.purpose: each for each in fleet_answer(made(FleetReport, flights=flights))}
+    said = {line.purpose: line for line in fleet_answer(made(FleetReport, flights=flights))}
     own = kinds["good"].answer.line("Loops")
     assert said["Loops"].number == own.number == "52 ± 2°"
 
@@ -392,8 +392,8 @@ def test_a_phone_need_not_scroll_sideways(kinds, tmp_path, browser):
 
 
 def test_a_folder_names_the_gravest_of_what_happened(kinds):
-    flights = [dataclasses.replace(flight_report(each).in_short(name), name=name) for name, each in kinds.items()]
-    (worst,) = [each for each in flights if each.happened == "motor fault, crash"]
+    flights = [dataclasses.replace(flight_report(kind).in_short(name), name=name) for name, kind in kinds.items()]
+    (worst,) = [flight for flight in flights if flight.happened == "motor fault, crash"]
     lost = Finding(id="gps-lost", severity=Severity.ERROR, reason="No fix.", advice="", t=5.0)
     blind = dataclasses.replace(worst, name="blind", account=dataclasses.replace(worst.account, story=(lost,)))
     text = fleet_answer(made(FleetReport, flights=[blind, worst]))[0].text

@@ -48,7 +48,7 @@ def test_summaries_of_flights_lead_to_their_numbers(fleet):
         own = strict((fleet / flight["folder"] / "report.json").read_text("utf-8"))
         assert (own["name"], own["log"], own["verdict"]) == (flight["name"], flight["log"], flight["verdict"])
         assert (fleet / flight["folder"] / "report.html").is_file()
-    (finding,) = [each for each in numbers["findings"] if each["id"] == "gps-lag"]
+    (finding,) = [number for number in numbers["findings"] if number["id"] == "gps-lag"]
     assert finding["flights"] == ["flight01", "flight02"]
 
 

@@ -73,19 +73,19 @@ def function(*poles: complex) -> TransferFunction:
 
 
 def marks(figure) -> dict[str, complex]:
-    found = {}
+    traces = {}
     for trace in figure.data:
         if trace["mode"] == "markers":
-            found |= {text: complex(x, y) for text, x, y in zip(trace["text"], trace["x"], trace["y"], strict=True)}
-    return found
+            traces |= {text: complex(x, y) for text, x, y in zip(trace["text"], trace["x"], trace["y"], strict=True)}
+    return traces
 
 
 def test_one_fast_pole_does_not_squeeze_the_slow_ones_together():
     figure = pole_map({"m1": function(-250.0, -1.0 + 2.0j, -1.0 - 2.0j, -0.4)}, "x")
     places = marks(figure)
-    slow, swing, fast = (places[f"{each} i rad/s"] for each in ("-0.4 + 0", "-1 + 2", "-250 + 0"))
+    slow, swing, fast = (places[f"{place} i rad/s"] for place in ("-0.4 + 0", "-1 + 2", "-250 + 0"))
     (left, right), (low, high) = (figure.layout[axis]["range"] for axis in ("xaxis", "yaxis"))
-    assert all(left < each.real < right and low < each.imag < high for each in places.values())
+    assert all(left < place.real < right and low < place.imag < high for place in places.values())
     # Parted by more than a twentieth of the frame (a hundredth and less on a linear scale), damping kept.
     assert abs(slow - swing) > 0.05 * (right - left)
     assert np.angle(swing) == pytest.approx(np.angle(-1.0 + 2.0j), abs=1e-3)

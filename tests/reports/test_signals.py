@@ -72,8 +72,8 @@ def test_thinning_keeps_every_peak():
 @pytest.fixture
 def shaken(flight):
     quiet = happening("failsafe", 80.0, Severity.INFO)
-    told = account(happening("crash", 60.0, reason="Hit <b>hard</b>."), happening("vibration", 55.0), quiet)
-    return dataclasses.replace(flight, account=told, signals=signals())
+    flight_account = account(happening("crash", 60.0, reason="Hit <b>hard</b>."), happening("vibration", 55.0), quiet)
+    return dataclasses.replace(flight, account=flight_account, signals=signals())
 
 
 def test_plots_are_drawn_of_what_was_logged_in_degrees(flight, shaken):

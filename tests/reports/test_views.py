@@ -83,24 +83,24 @@ def test_page_json_and_models_have_both(flight, tmp_path):
         },
         index=index,
     )
-    found = sysid.PhysicalParameters(table, None, None, None, None, None)
+    statements = sysid.PhysicalParameters(table, None, None, None, None, None)
     spectra = sysid.records.excitation.coherence([flight.experiments["motors"]])
     own = flight.models[0]
     models = (
         dataclasses.replace(own, report=dataclasses.replace(own.report, coherence=coherence_report(spectra))),
         *flight.models[1:],
     )
-    result = dataclasses.replace(flight, parameters=found, models=models)
+    result = dataclasses.replace(flight, parameters=statements, models=models)
     reports.write(result, tmp_path)
     page = (tmp_path / "models.html").read_text("utf-8")
     assert "2.61 ± 0.02" in page
     assert "Logs are too slow." in page
     assert "How much the inputs can tell" in page
     numbers = flight_report(result)
-    assert [each.value for each in numbers.parameters] == [2.6136, None]
+    assert [parameter.value for parameter in numbers.parameters] == [2.6136, None]
     band = (spectra.frequency >= 0.5) & (spectra.frequency <= 5.0)
-    told = numbers.models[0].coherence
-    assert told.outputs["x"].multiple_median == pytest.approx(np.median(spectra.multiple[band, 0]))
+    coherence = numbers.models[0].coherence
+    assert coherence.outputs["x"].multiple_median == pytest.approx(np.median(spectra.multiple[band, 0]))
     assert models_file(numbers, models).flights[0].parameters == numbers.parameters
 
 

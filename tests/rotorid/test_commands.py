@@ -229,13 +229,13 @@ def test_all_methods_and_files(tmp_path):
     expected = 1.105e-5 * 1050.0**2 * (numbers["reference_voltage"] / 16.8) ** 2
     table = pd.read_csv(tmp_path / "parameters.csv").set_index(["parameter", "method"])
     rows = table.loc["thrust over mass"]
-    found = rows["si_value"]
-    assert len(found) == 6  # five methods, and the headline that is taken from them
+    row = rows["si_value"]
+    assert len(row) == 6  # five methods, and the headline that is taken from them
     sigma = rows["si_sigma"].dropna()  # methods whose errors are not known state none
-    another_day = (found * rows["transfer"] / rows["value"])[sigma.index]
+    another_day = (row * rows["transfer"] / rows["value"])[sigma.index]
     assert {"headline", "mean thrust", "rigid body"} <= set(sigma.index)
-    assert np.all(np.abs(found[sigma.index] - expected) < 2.0 * np.hypot(sigma, another_day))
-    assert found.median() == pytest.approx(expected, rel=0.03)
+    assert np.all(np.abs(row[sigma.index] - expected) < 2.0 * np.hypot(sigma, another_day))
+    assert row.median() == pytest.approx(expected, rel=0.03)
     # The log has the rate controller at 10 Hz, where rotation folds.
     assert "logged too slowly" in table.loc[("roll inertia over mass and arm", "Kim 2017"), "note"]
     assert json.loads((tmp_path / "sitl_frame.json").read_text())["mass"] == 4.3
@@ -337,7 +337,7 @@ def proof(gain_db: float = 9.0, verdict: str = AS_PREDICTED, refused: str | None
 
 
 @pytest.mark.parametrize(
-    ("found", "status", "first"),
+    ("proof", "status", "first"),
     [
         (proof(), 0, "ATC_RAT_RLL_P "),
         (proof(1.2), 1, "THIN: roll has 1.2 dB of gain margin"),
@@ -346,13 +346,13 @@ def proof(gain_db: float = 9.0, verdict: str = AS_PREDICTED, refused: str | None
     ],
 )
 def test_the_status_says_whether_to_fly_on(
-    monkeypatch: pytest.MonkeyPatch, found: Proof, status: int, first: str
+    monkeypatch: pytest.MonkeyPatch, proof: Proof, status: int, first: str
 ) -> None:
-    monkeypatch.setattr("sysid.loops.proof.prove", lambda *_: found)
+    monkeypatch.setattr("sysid.loops.proof.prove", lambda *_: proof)
     monkeypatch.setattr("rotorid.cli.tune.open_log", lambda name: name)
     done = run("prove", GUSTY, GUSTY)
     assert (done.exit_code, done.output.startswith(first)) == (status, True), done.output
-    assert (found.verdict in done.output) is (found.refused is None)
+    assert (proof.verdict in done.output) is (proof.refused is None)
 
 
 class _Terminal(io.StringIO):

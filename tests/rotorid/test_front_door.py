@@ -83,8 +83,8 @@ def test_a_log_is_inspected(log):
 
 
 def test_results_show_themselves_in_a_few_lines(log, halves, body):
-    found = (log, log.trajectory, halves[0], body, ro.validate(body, halves[1]))
-    for result in found:
+    objects = (log, log.trajectory, halves[0], body, ro.validate(body, halves[1]))
+    for result in objects:
         assert len(repr(result).splitlines()) < MOST_LINES
         assert len(repr(result)) < 1500
         assert result._repr_html_().startswith("<table")
@@ -97,15 +97,15 @@ def test_no_result_shows_its_arrays_instead_of_its_summary():
     for package in (estimation, pipeline, sysid):
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             importlib.import_module(module.name)
-    results, found = [Summarised], set()
+    results, classes = [Summarised], set()
     while results:
         results += (subclasses := results.pop().__subclasses__())
-        found |= {each.__name__ for each in subclasses if each.__repr__ is not Summarised.__repr__}
-    assert not found
+        classes |= {subclass.__name__ for subclass in subclasses if subclass.__repr__ is not Summarised.__repr__}
+    assert not classes
 
 
 def test_one_record_counts_as_a_list_of_one(halves):
-    alone, listed = (ro.fit.thrust(each) for each in (halves[0], [halves[0]]))
+    alone, listed = (ro.fit.thrust(records) for records in (halves[0], [halves[0]]))
     assert alone.common == listed.common
 
 
@@ -217,6 +217,6 @@ def test_the_second_part_of_a_split_is_judged_with_the_wind_of_the_first(body, h
     import dataclasses
 
     alone = dataclasses.replace(halves[1], before=None)
-    told, untold = (ro.validate(body, part).validations[0] for part in (halves[1], alone))
+    informed, blind = (ro.validate(body, part).validations[0] for part in (halves[1], alone))
     assert halves[1].before is halves[0]
-    assert told.average["x"] != untold.average["x"]
+    assert informed.average["x"] != blind.average["x"]

@@ -128,10 +128,14 @@ def test_one_log_from_file_to_report(analysed):
 
 def test_a_log_passes_every_function_of_the_walk_in_its_order(analysed):
     """Of docs/architecture.md, whose names `tests/docs` looks up."""
-    walk = [[each for each in map(named, NAME.findall(step)) if hasattr(each, "__code__")] for step in STEPS]
-    places = [[analysed.called.index(f"{each.__module__}.{each.__qualname__}") for each in step] for step in walk]
+    walk = [
+        [function for function in map(named, NAME.findall(step)) if hasattr(function, "__code__")] for step in STEPS
+    ]
+    places = [
+        [analysed.called.index(f"{function.__module__}.{function.__qualname__}") for function in step] for step in walk
+    ]
     # What steps 5 to 12 do runs within step 13.
-    first = [min(found) for found in (*places[1:12], *places[13:])]
+    first = [min(place) for place in (*places[1:12], *places[13:])]
     assert first == sorted(first)
 
 

@@ -45,14 +45,14 @@ def test_gains_of_a_parameter_file_are_flown(first, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "reason"),
     [("ATC_RAT_RLL_Q,1\n", "ATC_RAT_RLL_Q"), ("what is this\n", "line 1"), (None, "No such file")],
 )
-def test_a_parameter_file_that_is_none_is_refused(tmp_path, text, told):
+def test_a_parameter_file_that_is_none_is_refused(tmp_path, text, reason):
     path = tmp_path / "odd.param"
     if text is not None:
         path.write_text(text, encoding="utf-8")
-    with pytest.raises(ParameterError, match=told):
+    with pytest.raises(ParameterError, match=reason):
         CASE.run({"parameters": str(path)})
 
 

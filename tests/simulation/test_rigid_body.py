@@ -95,7 +95,7 @@ def test_agrees_with_an_independent_model_under_solve_ivp(craft):
         air_b = C.T @ (v - wind)
         drag = np.array(craft.drag_linear) * density / 1.225
         drag = drag + 0.5 * density * np.array(craft.drag_area) * np.linalg.norm(air_b)
-        h, h_dot = (down * (spins * inertia * each).sum() for each in (speed, change))
+        h, h_dot = (down * (spins * inertia * motion).sum() for motion in (speed, change))
         w_dot = np.linalg.solve(craft.inertia, moment - h_dot - np.cross(w, craft.inertia @ w + h))
         v_dot = C @ (forces.sum(axis=0) - drag * air_b) / craft.mass + 9.80665 * down
         W = np.array([[0, *-w], [w[0], 0, w[2], -w[1]], [w[1], -w[2], 0, w[0]], [w[2], w[1], -w[0], 0]])

@@ -70,7 +70,7 @@ def firmware_truth(facts: Mapping, record: Experiment, voltage: float, *, rotor_
     command = float(np.mean(motor_commands(record.u, record.vehicle)))
     # Motors that move through the air as the craft turns are dragged too, at hover thrust in the flight's air.
     air = float(record.context["density"].mean()) / REFERENCE_DENSITY
-    each = momentum * np.sqrt(air * mass * STANDARD_GRAVITY / count)
+    drag = momentum * np.sqrt(air * mass * STANDARD_GRAVITY / count)
     across, along = (sum(motor[name] ** 2 for motor in truth["motors"]) for name in ("y_m", "x_m"))
     damped = {"roll": across / inertia["Ixx"], "pitch": along / inertia["Iyy"]}
     damped["yaw"] = (across + along) / inertia["Izz"]
@@ -87,7 +87,7 @@ def firmware_truth(facts: Mapping, record: Experiment, voltage: float, *, rotor_
         "roll_gain": arm * full / inertia["Ixx"],
         "pitch_gain": arm * full / inertia["Iyy"],
         "yaw_gain": 0.05 * arm * full / inertia["Izz"] * (command + pull / slope),
-        **{f"{axis}_damping": truth["rotational_damping_per_s"] + each * arms for axis, arms in damped.items()},
+        **{f"{axis}_damping": truth["rotational_damping_per_s"] + drag * arms for axis, arms in damped.items()},
         "cg_x": 0.0,
         "cg_y": 0.0,
         **{f"drag_linear_{axis}": float(linear) for axis in "xyz"},
@@ -145,8 +145,8 @@ def stated_by_body(model: RigidBodyModel, record: Experiment, truth: Truth) -> I
             yield Stated(name, "rigid body", f"drag at 4 m/s, {axis}", whole, sigma, drag)
     trim = model.flights.get(name)
     if trim is not None:
-        for axis, found, wind in zip("ne", (trim.wind_n, trim.wind_e), truth.wind, strict=True):
-            yield Stated(name, "rigid body", f"wind_{axis}", found, trim.wind_sigma, wind)
+        for axis, component, wind in zip("ne", (trim.wind_n, trim.wind_e), truth.wind, strict=True):
+            yield Stated(name, "rigid body", f"wind_{axis}", component, trim.wind_sigma, wind)
         if "wind_exponent" in expected:
             yield Stated(
                 name, "rigid body", "wind_exponent", trim.wind_exponent, trim.wind_exponent_sigma,
@@ -154,7 +154,7 @@ def stated_by_body(model: RigidBodyModel, record: Experiment, truth: Truth) -> I
             )  # fmt: skip
 
 
-def stated_side_by_side(found: PhysicalParameters, record: Experiment, truth: Truth) -> Iterator[Stated]:
+def stated_side_by_side(parameters: PhysicalParameters, record: Experiment, truth: Truth) -> Iterator[Stated]:
     """Yield what all methods state in one table, the rigid body's column excepted."""
     expected = {
         "thrust over mass": truth.parameters["thrust"],
@@ -167,7 +167,7 @@ def stated_side_by_side(found: PhysicalParameters, record: Experiment, truth: Tr
         "linear drag over mass": np.mean([truth.parameters[f"drag_linear_{axis}"] for axis in "xy"]),
         "quadratic drag over mass": np.mean([truth.parameters[f"drag_quadratic_{axis}"] for axis in "xy"]),
     }
-    for (parameter, method), row in found.table.iterrows():
+    for (parameter, method), row in parameters.table.iterrows():
         if (method == "rigid body" and not parameter.endswith("arm")) or parameter not in expected:
             continue
         if np.isfinite([row["value"], row["sigma"]]).all() and row["sigma"] > 0.0:
@@ -183,11 +183,11 @@ def hover_part(record: Experiment, expo: float) -> float:
 def table(stated: list[Stated]) -> list[tuple[str, str, int, float, float, float, float, str]]:
     """Sum up by method and parameter: count, rms z, largest |z|, median error and sigma, the farthest flight."""
     rows = []
-    for key in dict.fromkeys((each.method, each.parameter) for each in stated):
-        those = [each for each in stated if (each.method, each.parameter) == key]
-        z = np.array([each.z for each in those])
+    for key in dict.fromkeys((statement.method, statement.parameter) for statement in stated):
+        those = [statement for statement in stated if (statement.method, statement.parameter) == key]
+        z = np.array([statement.z for statement in those])
         farthest = those[int(np.argmax(np.abs(z)))]
-        errors = [abs(each.value - each.truth) for each in those]
+        errors = [abs(statement.value - statement.truth) for statement in those]
         rows.append(
             (
                 *key,
@@ -195,7 +195,7 @@ def table(stated: list[Stated]) -> list[tuple[str, str, int, float, float, float
                 float(np.sqrt(np.mean(z**2))),
                 float(np.max(np.abs(z))),
                 float(np.median(errors)),
-                float(np.median([each.sigma for each in those])),
+                float(np.median([statement.sigma for statement in those])),
                 farthest.flight,
             )
         )

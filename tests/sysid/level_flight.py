@@ -9,7 +9,14 @@ CRAFT = Vehicle(pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95, th
 
 
 def flight(
-    seed=0, samples=1200, per_mass=(3.2, 3.2, 3.2, 3.2), density=1.1, spread=0.05, vehicle=CRAFT, told=None, **context
+    seed=0,
+    samples=1200,
+    per_mass=(3.2, 3.2, 3.2, 3.2),
+    density=1.1,
+    spread=0.05,
+    vehicle=CRAFT,
+    recorded_density=None,
+    **context,
 ):
     """Make a level flight whose motors follow four independent slow signals, thrust by the autopilot's curve."""
     rng = np.random.default_rng(seed)
@@ -21,5 +28,9 @@ def flight(
     thrust = density / 1.225 * (0.4 * c + 0.6 * c**2)
     force = -thrust @ np.array(per_mass) + 0.05 * rng.standard_normal(samples)
     columns = dict.fromkeys(("roll", "pitch", "yaw", "v_n", "v_e", "v_d"), 0.0)
-    columns |= {"f_z": force, "density": density if told is None else told, "voltage": 16.0} | context
+    columns |= {
+        "f_z": force,
+        "density": density if recorded_density is None else recorded_density,
+        "voltage": 16.0,
+    } | context
     return of_craft(t, pwm, np.zeros((samples, 3)), columns, vehicle, f"flight {seed}")

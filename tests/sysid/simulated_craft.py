@@ -141,7 +141,7 @@ def disturbed(record: Experiment, rng: np.random.Generator, noise: float = 1.0) 
     sigma = dict.fromkeys(("roll", "pitch", "yaw"), 0.002)
     sigma |= {f"w_{a}": 0.003 for a in "xyz"} | {f"f_{a}": 0.05 for a in "xyz"} | {f"v_{a}": 0.03 for a in "ned"}
     columns = {
-        name: record.context[name] + noise * each * rng.standard_normal(len(record.t)) for name, each in sigma.items()
+        name: record.context[name] + noise * size * rng.standard_normal(len(record.t)) for name, size in sigma.items()
     }
     y = record.y + noise * 0.02 * rng.standard_normal(record.y.shape)
     return replace(record, y=y, context=record.context.assign(**columns))

@@ -79,9 +79,9 @@ def test_standard_errors_are_those_of_repetition(tmp_path):
         analyse_bench(read_bench([kim_table(tmp_path, 0.02, seed)]), 1.225).coefficients("m1", 14.5).thrust
         for seed in range(20)
     ]
-    assert np.mean([each.value for each in values]) == pytest.approx(2.315e-5, rel=0.01)
-    spread = np.std([each.value for each in values])
-    claimed = np.sqrt(np.mean([each.sigma**2 for each in values]))
+    assert np.mean([value.value for value in values]) == pytest.approx(2.315e-5, rel=0.01)
+    spread = np.std([value.value for value in values])
+    claimed = np.sqrt(np.mean([value.sigma**2 for value in values]))
     assert claimed / 1.8 < spread < 1.8 * claimed
 
 
@@ -159,7 +159,7 @@ def test_rows_without_numbers_are_named_by_their_lines(tmp_path):
     ]
     table = read_bench([sweep(tmp_path, rows=rows)])
     assert len(table.rows) == 4
-    (finding,) = [each for each in table.findings if each.id == "table-doubtful"]
+    (finding,) = [finding for finding in table.findings if finding.id == "table-doubtful"]
     assert "4 row(s) without PWM and thrust as numbers (line 3, 5, 7, 9); left out" in finding.reason
 
 
@@ -167,7 +167,7 @@ def test_pwm_out_of_order_and_negative_thrust_throughout(tmp_path):
     rows = thrusts(-12.0, np.random.default_rng(1).permutation(PWM))
     bench = analyse_bench(read_bench([sweep(tmp_path, rows=rows)]), 1.225)
     doubtful = [f.reason for f in bench.findings if f.id == "table-doubtful"]
-    assert any("its sign is turned" in each for each in doubtful)
+    assert any("its sign is turned" in sentence for sentence in doubtful)
     assert bench.at_voltage("m1").index.is_monotonic_increasing
     assert bench.at_voltage("m1")["thrust"].iloc[-1] == pytest.approx(12.0)
 
@@ -254,17 +254,17 @@ def test_uncertainty_of_inertia_agrees_with_monte_carlo():
         )
         times = 10.0 * period * (1.0 + 0.005 * rng.standard_normal(8))
         spread.append(bifilar(list(times), mass, Threads(1.96, 0.2)))
-    claimed = np.sqrt(np.mean([each.sigma**2 for each in spread]))
-    assert np.std([each.inertia for each in spread]) == pytest.approx(claimed, rel=0.1)
+    claimed = np.sqrt(np.mean([swing.sigma**2 for swing in spread]))
+    assert np.std([swing.inertia for swing in spread]) == pytest.approx(claimed, rel=0.1)
 
 
 def test_gravity_of_the_paper_s_simple_pendulum():
     """28.19, 27.55 and 28.58 s for ten swings on 1.96 m: 9.46 to 10.2 m/s^2; the paper prints 9.46, 9.91, 9.45."""
-    found = [check_thread([time], 1.96) for time in (28.19, 27.55, 28.58)]
-    assert found[0].gravity == pytest.approx(9.737, abs=0.01)
-    assert found[1].gravity == pytest.approx(10.19, abs=0.01)
-    assert [bool(each.findings) for each in found] == [False, True, True]
-    assert found[1].length == pytest.approx(9.80665 * (2.755 / (2.0 * math.pi)) ** 2)
+    checks = [check_thread([time], 1.96) for time in (28.19, 27.55, 28.58)]
+    assert checks[0].gravity == pytest.approx(9.737, abs=0.01)
+    assert checks[1].gravity == pytest.approx(10.19, abs=0.01)
+    assert [bool(checked.findings) for checked in checks] == [False, True, True]
+    assert checks[1].length == pytest.approx(9.80665 * (2.755 / (2.0 * math.pi)) ** 2)
 
 
 def test_miscounted_swings_and_bad_numbers():

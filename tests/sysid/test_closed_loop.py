@@ -41,13 +41,13 @@ def fitted():
 
 
 def test_the_loop_is_found_and_rests_at_its_target(fitted):
-    found = fitted.transfer_functions["x"]["x"]
-    assert found.gain == pytest.approx(1.0, abs=1e-12)
+    response = fitted.transfer_functions["x"]["x"]
+    assert response.gain == pytest.approx(1.0, abs=1e-12)
     omega = np.geomspace(0.1, 3.0, 20)
     error = TransferFunction(np.array(TRUE[0]), np.array(TRUE[1])).response(omega)
     # The error's response is known to a tenth of its largest value.
-    assert np.max(np.abs(found.response(omega) - 1.0 - error)) < 0.1 * np.max(np.abs(error))
-    assert fitted.transfer_functions["y"]["y"] is found
+    assert np.max(np.abs(response.response(omega) - 1.0 - error)) < 0.1 * np.max(np.abs(error))
+    assert fitted.transfer_functions["y"]["y"] is response
     assert not np.any(fitted.transfer_functions["y"]["x"].num)
 
 

@@ -117,7 +117,7 @@ def test_what_flight_does_not_tell_is_named():
     assert export.frame["mdrag_coef"] == pytest.approx(0.2, rel=0.05)
     # Without an arm the default stands in and inertia follows it: the craft turns the same.
     longer = frame_json(body(), arm=0.7).frame["moment_inertia"]
-    assert longer == pytest.approx([2.0 * each for each in frame_json(body(), arm=0.35).frame["moment_inertia"]])
+    assert longer == pytest.approx([2.0 * moment for moment in frame_json(body(), arm=0.35).frame["moment_inertia"]])
 
 
 def test_no_frame_without_mass_or_thrust():
@@ -131,7 +131,7 @@ def test_hover_model_of_kim_2017():
     """Eq. 17 with the printed numbers is the simulator's linearisation, and all eigenvalues of A are zero."""
     craft, speeds = paper.quadcopter(16.0), paper.TRIM_SPEEDS[-1]
     expected_a, expected_b = hover_linearisation(craft, speeds)
-    found = hover_from_speeds(
+    hover = hover_from_speeds(
         speeds,
         paper.THRUST_COEFFICIENTS[-1],
         paper.TORQUE_COEFFICIENTS[-1],
@@ -140,11 +140,11 @@ def test_hover_model_of_kim_2017():
         [mount.position[1] for mount in craft.rotors],
         [mount.spin for mount in craft.rotors],
     )
-    assert pytest.approx(expected_a) == found.A
-    assert pytest.approx(expected_b) == found.B
-    assert found.B[2:4] == pytest.approx(paper.PRINTED_INPUT[:2], abs=1.6e-4)
-    assert found.eigenvalues == pytest.approx([0.0] * 5)
-    assert found.controllable
+    assert pytest.approx(expected_a) == hover.A
+    assert pytest.approx(expected_b) == hover.B
+    assert hover.B[2:4] == pytest.approx(paper.PRINTED_INPUT[:2], abs=1.6e-4)
+    assert hover.eigenvalues == pytest.approx([0.0] * 5)
+    assert hover.controllable
 
 
 def test_hover_model_of_a_rigid_body():
@@ -155,7 +155,7 @@ def test_hover_model_of_a_rigid_body():
     assert model.B[3, 0] == pytest.approx(VALUES["pitch_gain"] * slope)
     assert model.B[2, 7] == pytest.approx(-VALUES["roll_gain"] * slope)
     assert model.B[4, 0] == pytest.approx(-VALUES["yaw_gain"] * slope)
-    assert sorted(each.real for each in model.eigenvalues) == pytest.approx([-0.0582] * 3 + [0.0] * 2)
+    assert sorted(eigenvalue.real for eigenvalue in model.eigenvalues) == pytest.approx([-0.0582] * 3 + [0.0] * 2)
     high = hover_model(body(), density=0.95)
     assert high.trim[0] > c
     with pytest.raises(MissingDataError, match=r"yaw_gain \(not flown\)"):

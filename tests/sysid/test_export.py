@@ -33,7 +33,7 @@ def test_a_model_read_back_predicts_the_same(model):
     read = TransferFunctionModel.from_record(from_json(as_json(model.record()), TransferFunctionsRecord))
     assert np.array_equal(read.simulate(unseen), model.simulate(unseen))
     assert np.array_equal(read.predict(unseen, 1.0), model.predict(unseen, 1.0))
-    function, again = (each.transfer_functions["y2"]["u1"] for each in (model, read))
+    function, again = (version.transfer_functions["y2"]["u1"] for version in (model, read))
     assert np.array_equal(again.covariance, function.covariance)
     assert read.training == model.training
     assert read.reports == model.reports

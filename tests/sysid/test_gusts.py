@@ -76,9 +76,9 @@ def test_gusts_are_not_taken_for_drag(flights):
         seen = record(flight, np.random.default_rng(seed), 0.05)
         model = fit_rigid_body([seen])
         for axis, drag in zip("xy", truth, strict=True):
-            found, sigma = model.drag(axis, 4.0)
-            relative.append(found / drag - 1.0)
-            of_drag.append((found - drag) / sigma)
+            drag_found, sigma = model.drag(axis, 4.0)
+            relative.append(drag_found / drag - 1.0)
+            of_drag.append((drag_found - drag) / sigma)
         blown = flight.truth.loc[seen.t[0] : seen.t[-1], ["wind_n", "wind_e"]].mean().to_numpy()
         trim = model.flights[seen.name]
         errors = np.array([trim.wind_n, trim.wind_e]) - blown

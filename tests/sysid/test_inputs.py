@@ -78,9 +78,9 @@ def test_reference_of_another_origin_is_moved():
     """111.3 m per thousandth of a degree of latitude; and an origin that nobody told of is found."""
     log, trajectory = made(Tables(setpoints=hold(ahead=-111.0)), north=path, down=level(-10.0))
     record = Experiment.from_flight(log, trajectory, inputs="reference")
-    (told,) = record.findings
-    assert told.id == "reference-doubtful"
-    assert "different origins" in told.reason
+    (doubt,) = record.findings
+    assert doubt.id == "reference-doubtful"
+    assert "different origins" in doubt.reason
     np.testing.assert_allclose(record.u[:, 0], record.y[:, 0], atol=2e-3)
     trajectory.origin = Geodetic(lat=0.0, lon=0.0, alt=0.0)
     log.tables = Tables(setpoints=hold(ahead=-111.0), origin=Geodetic(lat=111.0 / 6335439.0, lon=0.0, alt=0.0))
@@ -113,9 +113,9 @@ def test_a_target_that_jumps_at_a_change_of_mode_is_a_restart_and_elsewhere_a_st
     )
     record = Experiment.from_flight(log, trajectory, inputs="reference")
     assert record.duration == pytest.approx(40.0 if pieces == 1 else 20.0, abs=0.2)
-    (told,) = record.findings
-    assert told.id == ("reference-doubtful" if pieces == 1 else "log-gaps")
-    assert ("jump" in told.reason) == (pieces == 1)
+    (finding,) = record.findings
+    assert finding.id == ("reference-doubtful" if pieces == 1 else "log-gaps")
+    assert ("jump" in finding.reason) == (pieces == 1)
 
 
 def test_a_target_that_jumps_with_the_autopilots_own_estimate_is_a_reset():
@@ -136,9 +136,9 @@ def test_velocity_reference_is_what_was_asked_for_and_not_what_the_controller_ma
     assert not record.findings
     old = setpoints(v_n=0.1 * T, v_e=0.0 * T, v_d=-0.2 * T)
     record = Experiment.from_flight(*made(Tables(setpoints=old)), inputs="velocity_reference", outputs="velocity")
-    (told,) = record.findings
-    assert told.id == "reference-doubtful"
-    assert "contain the measured position" in told.reason
+    (finding,) = record.findings
+    assert finding.id == "reference-doubtful"
+    assert "contain the measured position" in finding.reason
 
 
 def test_tilt_commands_push_where_the_thrust_tips():
@@ -212,8 +212,8 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
     outputs = {f"m{k}": np.round(thrust + 0.2 * roll[k] * np.sin(T)) for k in roll}
     log, trajectory = made(Tables(motors=frame(T, **outputs)), vehicle=vehicle)
     for kind in ("motors", "mixer"):
-        told = {each.id: each for each in Experiment.from_flight(log, trajectory, inputs=kind).findings}
-        assert "what was asked in roll" in told["constant-input"].reason
+        findings = {finding.id: finding for finding in Experiment.from_flight(log, trajectory, inputs=kind).findings}
+        assert "what was asked in roll" in findings["constant-input"].reason
     # A record of the same outputs over the same time knows it; one of a part of it does not.
     motors = Experiment.from_flight(log, trajectory)
     assert Experiment.from_flight(log, trajectory, rate=50.0, beside=[motors]).findings == motors.findings
@@ -246,9 +246,9 @@ def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch(sitl
     median = {}
     for frame_ in ("earth", "heading"):
         record = Experiment.from_flight(*sitl("octa07_loiter_sticks"), inputs="rate_outputs", frame=frame_)
-        found = coherence([record])
-        band = (found.frequency > 0.5) & (found.frequency < 5.0)
-        median[frame_] = np.median(found.multiple[band], axis=0)
+        coherences = coherence([record])
+        band = (coherences.frequency > 0.5) & (coherences.frequency < 5.0)
+        median[frame_] = np.median(coherences.multiple[band], axis=0)
     assert (median["heading"][:2] > 0.9).all()
     assert (median["earth"][:2] < 0.5).all()
     assert (np.array(list(median.values()))[:, 2] > 0.95).all()
@@ -284,11 +284,11 @@ def test_a_motor_at_its_idle_spin_is_saturated():
     vehicle = Vehicle(pwm_min=1000.0, pwm_max=2000.0, spin_min=0.15, spin_max=0.95)
     u = 1500.0 + 100.0 * motion(np.random.default_rng(1), 1000, 3)
     u[:300, 1], u[600:, 2] = 1150.0, 1950.0
-    found = examine([record(u, vehicle=vehicle, units={f"m{k}": "us" for k in (1, 2, 3)})]).findings
-    told = {
-        finding.evidence["input"]: finding.evidence["limit"] for finding in found if finding.id == "motors-at-limits"
+    findings = examine([record(u, vehicle=vehicle, units={f"m{k}": "us" for k in (1, 2, 3)})]).findings
+    findings = {
+        finding.evidence["input"]: finding.evidence["limit"] for finding in findings if finding.id == "motors-at-limits"
     }
-    assert told == {"m2": "lower", "m3": "upper"}
+    assert findings == {"m2": "lower", "m3": "upper"}
 
 
 def test_a_dead_motor_and_twins_are_named():
@@ -314,31 +314,31 @@ def test_eight_motors_driven_by_four_commands_are_four_signals():
 
 def test_coherence_is_the_part_of_the_power_that_the_input_explains():
     """White noise of a known size on a known answer: coherence is S / (S + N) at every frequency."""
-    found = coherence([answered(seed, noise=0.3, inputs=1) for seed in range(6)])
-    z = np.exp(-1j * found.frequency * DT)
+    coherences = coherence([answered(seed, noise=0.3, inputs=1) for seed in range(6)])
+    z = np.exp(-1j * coherences.frequency * DT)
     drive = 1.0 / np.abs(1.0 - 0.8 * z) ** 2 * (1.0 - 0.8**2)
     answer = np.abs((1.0 + 0.5 * z) / (1.0 - 1.4 * z + 0.6 * z**2)) ** 2 * drive
     power = answer / np.mean(answer)
     expected = power / (power + 0.3**2)
-    assert np.mean(np.abs(found.multiple[:, 0] - expected)) < 0.05
+    assert np.mean(np.abs(coherences.multiple[:, 0] - expected)) < 0.05
 
 
 def test_an_input_that_drives_leaves_nothing_to_say():
-    found = coherence([answered(seed, noise=0.1) for seed in range(3)])
-    assert np.median(found.multiple[found.frequency < 5.0, 0]) > 0.9
-    assert not found.findings
+    coherences = coherence([answered(seed, noise=0.1) for seed in range(3)])
+    assert np.median(coherences.multiple[coherences.frequency < 5.0, 0]) > 0.9
+    assert not coherences.findings
 
 
 @pytest.mark.parametrize("inputs", [1, 4, 8])
 def test_unrelated_signals_exceed_the_threshold_as_seldom_as_it_says(inputs):
     rng = np.random.default_rng(4)
-    shares, told = [], []
+    shares, findings = [], []
     for k in range(30):
-        found = coherence([record(motion(rng, 1500, inputs), seed=k)])
-        shares.append(np.mean(found.multiple > found.threshold))
-        told += [finding.id for finding in found.findings if finding.notable]
+        coherences = coherence([record(motion(rng, 1500, inputs), seed=k)])
+        shares.append(np.mean(coherences.multiple > coherences.threshold))
+        findings += [finding.id for finding in coherences.findings if finding.notable]
     assert np.mean(shares) < 0.02
-    assert told.count("output-unexplained") > 20
+    assert findings.count("output-unexplained") > 20
 
 
 def test_an_input_that_rests_beside_its_trim_is_an_input() -> None:
@@ -346,6 +346,6 @@ def test_an_input_that_rests_beside_its_trim_is_an_input() -> None:
     t = np.arange(200) / 10.0
     u = np.column_stack([np.full(200, 1500.0), 1500.0 + 50.0 * rng.standard_normal(200)])
     record = Experiment.from_arrays(t, u, t, input_trim=[1450.0, 1500.0])
-    found = examine([record])
-    assert found.active == (0, 1)
-    assert np.isfinite(found.condition)
+    examined = examine([record])
+    assert examined.active == (0, 1)
+    assert np.isfinite(examined.condition)

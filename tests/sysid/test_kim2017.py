@@ -52,7 +52,7 @@ def test_without_inertia_the_levers_are_fitted_too(quad):
     model = fit_kim2017([quad], 2.6)
     truth = [0.4 * 2.6 / INERTIA[0], 0.4 * 2.6 / INERTIA[1]]
     assert model.lever == pytest.approx(truth, rel=0.005)
-    assert [each.newton for each in model.per_motor.values()] == pytest.approx(list(THRUST), rel=0.03)
+    assert [motor.newton for motor in model.per_motor.values()] == pytest.approx(list(THRUST), rel=0.03)
     assert model.torque_per_inertia == pytest.approx(TORQUE / INERTIA[2], rel=0.03)
     assert model.torque is None
 
@@ -94,8 +94,8 @@ def test_in_stabilised_flight_the_weak_motor_shows():
     ]
     record = flight(replace(made, inertia=made.inertia / 100.0, rotors=tuple(mounts)), 3)
     assert not any(value.determined for value in fit_thrust([record], 2.6).per_motor.values())
-    found = fit_kim2017([record], 2.6)
-    assert [each.newton for each in found.per_motor.values()] == pytest.approx(thrust, rel=0.03)
+    fitted = fit_kim2017([record], 2.6)
+    assert [motor.newton for motor in fitted.per_motor.values()] == pytest.approx(thrust, rel=0.03)
 
 
 def test_standard_errors_agree_with_monte_carlo():

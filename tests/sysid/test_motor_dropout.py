@@ -17,7 +17,7 @@ def test_dropouts_of_a_motor_are_named_with_its_number_and_their_seconds(frame_c
     """Half of the output lost for a second, three times: most are found, and none of another motor."""
     vehicle = craft(frame_class, frame_type)
     times = (11.3, 19.8, 28.4)
-    found = 0
+    count = 0
     for seed in range(12):
         motor = 1 + seed % len(vehicle.motors)
         tables = fly(vehicle, seed, *(Fault(motor, t, 0.5, t + 1.0) for t in times))
@@ -25,8 +25,8 @@ def test_dropouts_of_a_motor_are_named_with_its_number_and_their_seconds(frame_c
             assert one.motor == motor
             assert min(abs(one.t - t) for t in times) < 1.0
             assert 0.25 <= one.loss <= 1.0
-            found += 1
-    assert found >= 0.6 * 3 * 12  # 0.81 with six motors, more with others
+            count += 1
+    assert count >= 0.6 * 3 * 12  # 0.81 with six motors, more with others
 
 
 @pytest.mark.parametrize(("frame_class", "frame_type"), FRAMES)
@@ -38,6 +38,6 @@ def test_sound_motors_in_gusts_drop_out_never(frame_class, frame_type):
 
 def test_a_lasting_loss_is_no_dropout():
     vehicle = craft("quad", "x")
-    found = dropouts_in(fly(vehicle, 5, Fault(2, 20.0, 0.6)), vehicle, 0.0, 40.0)
-    assert all(one.t > 19.0 for one in found)
-    assert len(found) < 2
+    dropouts = dropouts_in(fly(vehicle, 5, Fault(2, 20.0, 0.6)), vehicle, 0.0, 40.0)
+    assert all(one.t > 19.0 for one in dropouts)
+    assert len(dropouts) < 2

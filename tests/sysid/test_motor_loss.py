@@ -94,11 +94,11 @@ def test_an_axis_at_rest_does_not_hide_a_weak_motor(seconds):
     grid = np.linspace(1150.0, 1950.0, 1601)
     asked = curve(motor_commands(log.tables.motors[names].to_numpy(float), vehicle), vehicle.thrust_expo)
     mixer = np.column_stack([factors_of(vehicle), np.ones(len(names))])
-    needed, told = asked @ mixer, asked.copy()
+    needed, outputs = asked @ mixer, asked.copy()
     for _ in range(20):
-        given = told * np.where(np.arange(len(names)) == 6, 0.64, 1.0)
-        told = np.clip(told + (needed - given @ mixer) @ np.linalg.pinv(mixer), 0.0, 1.0)
-    pwm = np.round(np.interp(told, curve(motor_commands(grid, vehicle), vehicle.thrust_expo), grid))
+        given = outputs * np.where(np.arange(len(names)) == 6, 0.64, 1.0)
+        outputs = np.clip(outputs + (needed - given @ mixer) @ np.linalg.pinv(mixer), 0.0, 1.0)
+    pwm = np.round(np.interp(outputs, curve(motor_commands(grid, vehicle), vehicle.thrust_expo), grid))
     motors = log.tables.motors.copy()
     weak = motors.index >= onset
     motors.loc[weak, names] = pwm[weak]

@@ -83,8 +83,8 @@ def followed(findings, vehicle):
     (finding,) = findings
     assert finding.id == "motor-order"
     names = (finding.evidence[key].split(", ") for key in ("motors", "follow"))
-    found = dict(zip(*names, strict=True))
-    return [int(found.get(f"m{k + 1}", f"m{k + 1}")[1:]) - 1 for k in range(len(vehicle.motors))]
+    names_of = dict(zip(*names, strict=True))
+    return [int(names_of.get(f"m{k + 1}", f"m{k + 1}")[1:]) - 1 for k in range(len(vehicle.motors))]
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -147,17 +147,17 @@ def test_a_curve_that_did_not_fly_is_measured_by_what_it_makes_of_outputs(frame,
     """With MOT_THST_EXPO 0.35 off in the log, gains of rotation were 15 to 27 % off (5 standard errors)."""
     flew = craft(frame)
     tables = flown(flew, 3, chirp=True)
-    found = mixer_differs(tables, replace(flew, thrust_expo=expo), 0.0, SECONDS)
+    finding = mixer_differs(tables, replace(flew, thrust_expo=expo), 0.0, SECONDS)
     command = float(motor_commands(tables.motors.to_numpy(), flew).mean())
 
     def stiffness(e):
         return float(curve_slope(np.array(command), e) / curve(np.array(command), e))
 
     if expo == flew.thrust_expo:
-        assert not found
+        assert not finding
     else:
-        assert known_slope(found) == pytest.approx(stiffness(expo) / stiffness(flew.thrust_expo), rel=0.02)
-        assert "MOT_THST_EXPO" in found[0].reason
+        assert known_slope(finding) == pytest.approx(stiffness(expo) / stiffness(flew.thrust_expo), rel=0.02)
+        assert "MOT_THST_EXPO" in finding[0].reason
 
 
 def test_a_controller_that_motors_do_not_follow_says_nothing_of_the_curve():
@@ -198,20 +198,20 @@ def mixed(vehicle, samples=200, voltage_ratio=1.0):
 def test_commands_of_every_frame_come_back(frame_class, frame_type):
     vehicle = framed(frame_class, frame_type, pwm_min=1100.0, pwm_max=1900.0, thrust_expo=0.5)
     wanted, motors = mixed(vehicle)
-    found = project(motors, vehicle, None)
-    assert list(found) == list(wanted)
+    commands = project(motors, vehicle, None)
+    assert list(commands) == list(wanted)
     for name, values in wanted.items():
-        np.testing.assert_allclose(found[name], values, atol=1e-12)
+        np.testing.assert_allclose(commands[name], values, atol=1e-12)
 
 
 def test_a_sagging_battery_is_no_thrust():
     """The autopilot raises PWM by the inverse of the voltage (MOT_BAT_VOLT_MAX), so that thrust stays."""
     vehicle = framed("octa", "x", battery_voltage_max=25.2, battery_voltage_min=19.8)
     wanted, motors = mixed(vehicle, voltage_ratio=0.85)
-    found = project(motors, vehicle, np.full(len(motors), 0.85 * 25.2))
-    np.testing.assert_allclose(found["thrust"], wanted["thrust"], atol=1e-12)
+    commands = project(motors, vehicle, np.full(len(motors), 0.85 * 25.2))
+    np.testing.assert_allclose(commands["thrust"], wanted["thrust"], atol=1e-12)
     without = project(motors, framed("octa", "x"), np.full(len(motors), 0.85 * 25.2))
-    assert (without["thrust"] > found["thrust"]).all()
+    assert (without["thrust"] > commands["thrust"]).all()
 
 
 def test_patterns_that_no_command_makes_are_not_seen():
@@ -220,8 +220,8 @@ def test_patterns_that_no_command_makes_are_not_seen():
     wanted, motors = mixed(vehicle)
     factors = np.array([[1.0, motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])
     unseen = np.linalg.svd(factors.T)[2][4:]
-    found = project(motors + 20.0 * unseen.sum(axis=0), vehicle, None)
-    np.testing.assert_allclose(found["roll"], wanted["roll"], atol=1e-12)
+    commands = project(motors + 20.0 * unseen.sum(axis=0), vehicle, None)
+    np.testing.assert_allclose(commands["roll"], wanted["roll"], atol=1e-12)
 
 
 def test_a_tricopter_makes_no_yaw_with_its_motors():
@@ -243,8 +243,8 @@ def test_what_is_missing_is_named():
 def test_rounding_to_a_microsecond_leaves_the_noise_it_says(frame_class):
     vehicle = framed(frame_class, "x")
     wanted, motors = mixed(vehicle, samples=4000)
-    found = project(motors.round(), vehicle, None)
+    commands = project(motors.round(), vehicle, None)
     said = rounding(motors.round(), vehicle)
     for name, sigma in said.items():
-        assert np.std(found[name] - wanted[name]) == pytest.approx(sigma, rel=0.1)
+        assert np.std(commands[name] - wanted[name]) == pytest.approx(sigma, rel=0.1)
     assert rounding(motors, vehicle) == {}

@@ -24,8 +24,8 @@ def record():
 
 
 def test_methods_agree_on_a_simulated_craft(record):
-    found = physical_parameters([record], 4.3, arm=0.35)
-    table = found.table
+    parameters = physical_parameters([record], 4.3, arm=0.35)
+    table = parameters.table
     thrust = 1.105e-5 * 1050.0**2
     for method in ("mean thrust", "Kim 2017", "Refinement 2020, stacked"):
         row = table.loc[("thrust over mass", method)]
@@ -34,7 +34,7 @@ def test_methods_agree_on_a_simulated_craft(record):
     command = float(np.mean(motor_commands(record.u, record.vehicle)))
     hover = thrust * ((1.0 - 0.65) * command + 0.65 * command**2)
     assert table.loc[("thrust over mass at hover", "headline"), "si_value"] == pytest.approx(hover, rel=0.01)
-    assert found.findings == ()
+    assert parameters.findings == ()
     # Drag with air taken to be at rest is no part of the rigid body's.
     assert ("quadratic drag over mass", "Refinement 2020, stacked") not in table.index
     whole = table.loc[("whole drag in still air over mass", "Refinement 2020, stacked")]
@@ -59,11 +59,11 @@ def test_a_late_gyro_makes_no_lighter_craft(record):
 def test_motors_that_are_not_logged_leave_thrust_open_by_every_method(record):
     """A deca of which eight outputs were logged: mean thrust was open, the headline 25 to 54 % wrong at 4 %."""
     eight = replace(record, vehicle=replace(record.vehicle, motors=motor_table("deca", "plus")))
-    found = physical_parameters([eight])
-    told = found.table.loc[["thrust over mass", "thrust over mass at hover", "roll inertia over mass and arm"]]
-    assert told["value"].isna().all()
-    assert HEADLINE not in told.index.get_level_values(1)
-    assert "only 8 of 10 motors are logged" in found.table.loc[("thrust over mass", "Kim 2017"), "note"]
+    parameters = physical_parameters([eight])
+    rows = parameters.table.loc[["thrust over mass", "thrust over mass at hover", "roll inertia over mass and arm"]]
+    assert rows["value"].isna().all()
+    assert HEADLINE not in rows.index.get_level_values(1)
+    assert "only 8 of 10 motors are logged" in parameters.table.loc[("thrust over mass", "Kim 2017"), "note"]
 
 
 @pytest.mark.parametrize(
@@ -82,8 +82,10 @@ def test_a_number_is_called_what_its_unit_says(parameter, unit, name, divisor):
 
 def test_a_curve_out_of_the_parameters_is_in_doubt_at_full_command_only(record):
     """With MOT_THST_EXPO off by 0.35, thrust at full command was 15 % low at a stated 3.5 %."""
-    found = physical_parameters([record])
-    hover, full = (found.table.loc[(name, "mean thrust")] for name in ("thrust over mass at hover", "thrust over mass"))
+    parameters = physical_parameters([record])
+    hover, full = (
+        parameters.table.loc[(name, "mean thrust")] for name in ("thrust over mass at hover", "thrust over mass")
+    )
     assert hover["sigma"] / hover["value"] < 0.01
     assert hover["transfer"] / hover["value"] == pytest.approx(0.035, abs=0.001)
     assert full["sigma"] / full["value"] > 0.04
@@ -148,14 +150,16 @@ def test_firmware_in_the_loop(name, turned, sitl):
     """
     made = Experiment.from_flight(*sitl(name), rate=50.0)
     truth = json.loads((LOGS / f"{name}.json").read_text())["truth"]
-    found = physical_parameters([made], truth["mass_kg"], arm=truth["arm_length_m"])
-    voltage = found.thrust.reference_voltage / truth["model_inputs"]["maxVoltage"]
+    parameters = physical_parameters([made], truth["mass_kg"], arm=truth["arm_length_m"])
+    voltage = parameters.thrust.reference_voltage / truth["model_inputs"]["maxVoltage"]
     expected = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * voltage**2
     for method in ("mean thrust", "Kim 2017", "Refinement 2020, stacked"):
-        assert found.table.loc[("thrust over mass", method), "si_value"] == pytest.approx(expected, rel=0.02), method
+        assert parameters.table.loc[("thrust over mass", method), "si_value"] == pytest.approx(expected, rel=0.02), (
+            method
+        )
     assert law_of([made], made.vehicle) is Law.COMMAND
     for axis, label in (("roll", "Ixx"), ("pitch", "Iyy")):
-        row = found.table.loc[(f"{axis} inertia over mass and arm", "Refinement 2020, stacked")]
+        row = parameters.table.loc[(f"{axis} inertia over mass and arm", "Refinement 2020, stacked")]
         if turned:
             assert row["si_value"] == pytest.approx(truth["inertia_kgm2"][label], rel=0.07)
         else:

@@ -47,9 +47,9 @@ def test_stacked_estimates_are_true(record):
     """Within 2 standard errors, or the tenth of a percent that differences over 40 ms err, and within 3 %."""
     model = fit_refinement2020([record], 4.3)
     for name, value in truth(octo(), 0.35).items():
-        found = model.stacked[name]
-        assert found.value == pytest.approx(value, rel=0.03), name
-        assert abs(found.value - value) < 2.0 * found.sigma + 1e-3 * value, name
+        stacked = model.stacked[name]
+        assert stacked.value == pytest.approx(value, rel=0.03), name
+        assert abs(stacked.value - value) < 2.0 * stacked.sigma + 1e-3 * value, name
 
 
 def test_unequal_motors_do_not_bend_the_stacked_fit():
@@ -84,8 +84,8 @@ def test_standard_errors_agree_with_monte_carlo():
     """Twenty times other noise on one flight: less what noise does not move (wind, inflow)."""
     clean = flight(octo(), 1, wander=8.0, noise=0.0)
     noisy = [disturbed(clean, np.random.default_rng(k)) for k in range(20)]
-    models = [fit_refinement2020([each]) for each in noisy]
-    parts = np.array([unexplained_part([each], [blocks_of(each, each.vehicle, None, Law.SPEED)]) for each in noisy])
+    models = [fit_refinement2020([hop]) for hop in noisy]
+    parts = np.array([unexplained_part([hop], [blocks_of(hop, hop.vehicle, None, Law.SPEED)]) for hop in noisy])
     for name, air in (("Jx", np.hypot(STILL_AIR, parts)), ("C", 0.0)):
         values = np.array([model.stacked[name].value for model in models])
         sigmas = np.array([model.stacked[name].sigma for model in models])
@@ -117,9 +117,9 @@ def test_samples_of_one_turn_are_one_instant():
     kept[[500, 501, 502, 504]] = True
     values = np.full(1000, np.nan)
     values[kept] = (0.07, 0.06, 0.075, 0.065)
-    found = mean_of_instants(t, values, kept, "the craft hardly turns")
-    assert (found.mean, found.used, found.events) == (None, 4, 1)
-    assert "4 instants in 1 stretch of 2 s" in found.reason
+    mean = mean_of_instants(t, values, kept, "the craft hardly turns")
+    assert (mean.mean, mean.used, mean.events) == (None, 4, 1)
+    assert "4 instants in 1 stretch of 2 s" in mean.reason
 
 
 def test_what_motors_do_not_explain_gives_no_inertia():

@@ -282,7 +282,7 @@ def test_gains_share_the_air_with_thrust_and_inertia_does_not_feel_it():
     """Air 24 K warmer than standard made gains 9 % too small at a stated 1.7 %."""
     model = fitted()
     gain, thrust = (model.parameters[name] for name in ("roll_gain", "thrust"))
-    known = [np.hypot(each.sigma, each.transfer) / each.value for each in (gain, thrust)]
+    known = [np.hypot(parameter.sigma, parameter.transfer) / parameter.value for parameter in (gain, thrust)]
     assert min(known) > AIR_SIGMA
     assert gain.si_sigma / gain.si_value < 0.9 * np.hypot(*known)
     # Curvature and full thrust err together, so that thrust where it is flown does not.
@@ -294,8 +294,8 @@ def test_gains_share_the_air_with_thrust_and_inertia_does_not_feel_it():
 def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing(off):
     """Gains were 15 to 24 % off (5 standard errors), inertia 18 % (10): torque went by the curve in the parameters."""
     right = fitted()
-    told = replace(right.vehicle, thrust_expo=right.vehicle.thrust_expo + off)
-    seen = replace(record(exciting(), np.random.default_rng(1)), vehicle=told)
+    vehicle = replace(right.vehicle, thrust_expo=right.vehicle.thrust_expo + off)
+    seen = replace(record(exciting(), np.random.default_rng(1)), vehicle=vehicle)
     model = fit_rigid_body([seen], mass=1.0)
     for name in ("roll_gain", "pitch_gain", "yaw_gain", "thrust"):
         stated = model.parameters[name]
@@ -308,11 +308,11 @@ def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing(off):
     assert not model.parameters["thrust_expo"].determined
     assert "thrust-differs" in {finding.id for finding in model.findings}
     assert "thrust-differs" not in {finding.id for finding in right.findings}
-    found = physical_parameters([seen], rigid_body=model).table
+    table = physical_parameters([seen], rigid_body=model).table
     # Which of the two is wrong matters at full command only.
-    whole, hover = (found.loc[(f"thrust over mass{at}", "rigid body")] for at in ("", " at hover"))
+    whole, hover = (table.loc[(f"thrust over mass{at}", "rigid body")] for at in ("", " at hover"))
     assert whole["sigma"] / whole["value"] > 0.05 > 3.0 * hover["sigma"] / hover["value"]
-    full = found.loc[("thrust over mass", "mean thrust")]
+    full = table.loc[("thrust over mass", "mean thrust")]
     assert full["value"] == pytest.approx(right.value("thrust"), abs=2.0 * full["sigma"])
 
 

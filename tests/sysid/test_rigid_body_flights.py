@@ -52,9 +52,9 @@ def drag(name, speed):
 )
 def test_thrust_and_drag_are_those_of_the_simulator(names, model):
     """One parameter set from sea level to 2850 m; thrust within 2 %, the curve too, drag at 4 m/s within 15 %."""
-    found = model(*names)
-    thrust, expo = found.value("thrust"), found.value("thrust_expo")
-    expected, curvature = full_thrust(names[0], found.reference_voltage), truth(names[0])["model_inputs"]["propExpo"]
+    fitted = model(*names)
+    thrust, expo = fitted.value("thrust"), fitted.value("thrust_expo")
+    expected, curvature = full_thrust(names[0], fitted.reference_voltage), truth(names[0])["model_inputs"]["propExpo"]
 
     def at(full, e, c):
         return full * ((1.0 - e) * c + e * c * c)
@@ -62,8 +62,8 @@ def test_thrust_and_drag_are_those_of_the_simulator(names, model):
     hover = 0.55
     assert at(thrust, expo, hover) == pytest.approx(at(expected, curvature, hover), rel=0.02)
     for axis in "xyz":
-        assert found.drag(axis, 4.0)[0] == pytest.approx(drag(names[0], 4.0), rel=0.15)
-    for name, trim in zip(names, found.flights.values(), strict=True):
+        assert fitted.drag(axis, 4.0)[0] == pytest.approx(drag(names[0], 4.0), rel=0.15)
+    for name, trim in zip(names, fitted.flights.values(), strict=True):
         wind = told(name)["wind"]
         towards = np.radians(wind["SIM_WIND_DIR"] + 180.0)
         speed = wind["SIM_WIND_SPD"] * np.sqrt(10.0 / 60.0)
@@ -77,11 +77,11 @@ def test_thrust_and_drag_are_those_of_the_simulator(names, model):
 )
 def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights(name, model):
     """Arm times thrust over inertia within 5 %."""
-    found, facts = model(name), truth(name)
-    force = full_thrust(name, found.reference_voltage) * facts["mass_kg"]
+    body, facts = model(name), truth(name)
+    force = full_thrust(name, body.reference_voltage) * facts["mass_kg"]
     for axis, inertia in (("roll", "Ixx"), ("pitch", "Iyy")):
         expected = facts["arm_length_m"] * force / facts["inertia_kgm2"][inertia]
-        parameter = found.parameters[f"{axis}_gain"]
+        parameter = body.parameters[f"{axis}_gain"]
         assert parameter.determined
         assert parameter.value == pytest.approx(expected, rel=0.05)
         over_arm = facts["inertia_kgm2"][inertia] / facts["arm_length_m"]
@@ -112,12 +112,12 @@ def test_flights_that_were_not_fitted_are_predicted(flight, model):
 @pytest.mark.whole
 def test_the_papers_protocol_free_run_over_whole_flights(flight, model):
     """Fitted to three flights, run freely over others: below Elhesasy 2024's averages 0.32, 0.27, 0.25 m."""
-    found = model("paper01", "paper02", "paper03")
+    fitted = model("paper01", "paper02", "paper03")
     others = [flight(f"paper0{k}") for k in (4, 6)]
-    result = validate(found.trimmed(others), others, horizons=())
+    result = validate(fitted.trimmed(others), others, horizons=())
     assert result.average["x"] < 0.32
     assert result.average["y"] < 0.27
     assert result.average["z"] < 0.25
     # With wind and thrust scale from the first 30 s alone, on average over the axes within a metre.
-    early = validate(found.trimmed(others, seconds=30.0), others, horizons=())
+    early = validate(fitted.trimmed(others, seconds=30.0), others, horizons=())
     assert np.mean(list(early.average.values())) < 1.0

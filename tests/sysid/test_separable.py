@@ -81,8 +81,8 @@ def test_free_run_looks_at_nothing_after_the_first_seconds():
     row, late = {record.input_names[0]: TransferFunction(np.array([1.0]), np.array([1.0, 1.0]))}, record.y.copy()
     late[round(INITIAL_SECONDS / 0.1) + 1 :] += 100.0
     first, second = (
-        run_freely(row, each, 0, "zoh", shared=False, rmse=0.1, initial_energy=0.5)
-        for each in (record, replace(record, y=late))
+        run_freely(row, data, 0, "zoh", shared=False, rmse=0.1, initial_energy=0.5)
+        for data in (record, replace(record, y=late))
     )
     np.testing.assert_array_equal(first, second)
 
@@ -149,6 +149,6 @@ def test_an_input_that_filters_to_no_number_ends_the_search_at_its_start(monkeyp
     broken = replace(whole, penalty=np.full((whole.numerators.size,) * 2, np.nan))
     assert refine(problem, broken, noisy=True) is None
     monkeypatch.setitem(srivc.__globals__, "solve", lambda *_: broken)
-    found = srivc(problem, 10.0)
-    assert (found.settled, found.iterations) == (False, 0)
-    assert np.isfinite(found.theta).all()
+    start = srivc(problem, 10.0)
+    assert (start.settled, start.iterations) == (False, 0)
+    assert np.isfinite(start.theta).all()

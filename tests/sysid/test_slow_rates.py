@@ -56,12 +56,12 @@ def test_methods_take_the_mixer_that_flew():
     """With MOT_THST_EXPO wrong in the log alone Kim's and Refinement's inertia kept the mixer's error."""
     record = chirped(50.0)
     finding = Finding(MIXER_DIFFERS, Severity.WARNING, "", "", {"slope": 1.2})
-    plain, told = (
-        motor_signals(each, Law.COMMAND, each.vehicle, 16.0, 0.0).signals
-        for each in (record, replace(record, findings=(*record.findings, finding)))
+    plain, warned = (
+        motor_signals(data, Law.COMMAND, data.vehicle, 16.0, 0.0).signals
+        for data in (record, replace(record, findings=(*record.findings, finding)))
     )
     mean = plain.mean(axis=1, keepdims=True)
-    np.testing.assert_allclose(told - mean, 1.2 * (plain - mean), atol=1e-9)
+    np.testing.assert_allclose(warned - mean, 1.2 * (plain - mean), atol=1e-9)
 
 
 def test_the_rate_of_rows_shows_in_the_straight_lines_between_them():
@@ -77,9 +77,9 @@ def test_the_rate_of_rows_shows_in_the_straight_lines_between_them():
 def test_slow_rows_tell_effectiveness_below_where_they_fold(rate, within):
     """Up to 10 Hz, above half of the rate of the rows, gains came out 4 to 10 % too small at a stated 2 to 6 %."""
     record = chirped(rate)
-    found = fit_rotation([record], record.vehicle, 16.0)
+    rotation = fit_rotation([record], record.vehicle, 16.0)
     for axis in ("roll", "pitch"):
-        assert found.axes[axis].gain == pytest.approx(GAIN, rel=within)
+        assert rotation.axes[axis].gain == pytest.approx(GAIN, rel=within)
     assert motor_signals(record, Law.COMMAND, record.vehicle, 16.0, 0.0).fast == (rate > 20.0)
 
 
@@ -92,9 +92,9 @@ def test_a_low_battery_is_no_weaker_craft(expo):
     # Thrust of 0.4 by the curve: what the controller asks for is what the motors are told.
     pwm = np.full((len(record.t), 4), 1000.0 + 1000.0 * (0.15 + 0.8 * command_for(0.4, expo)))
     low = replace(record, u=pwm, context=context, vehicle=replace(record.vehicle, thrust_expo=expo))
-    found = fit_rotation([low], low.vehicle, 16.0)
+    rotation = fit_rotation([low], low.vehicle, 16.0)
     for axis in ("roll", "pitch"):
-        assert found.axes[axis].gain == pytest.approx(GAIN, rel=0.015)
+        assert rotation.axes[axis].gain == pytest.approx(GAIN, rel=0.015)
     signals = motor_signals(low, Law.COMMAND, low.vehicle, 16.0, expo).signals
     assert signals.mean() == pytest.approx(0.4 * (volts / 16.0) ** 2, rel=1e-3)
 

@@ -103,9 +103,9 @@ def test_lagged_signals_need_not_stand_beside_each_other() -> None:
     signals = [np.cumsum(rng.normal(size=size)) for size in (25, 300)]  # the first is shorter than the colour
     beside = [np.column_stack([u[lags - lag : len(u) - lag] for lag in range(1, lags + 1)]) for u in signals]
 
-    found = lagged_information(signals, lags, colour)
+    information = lagged_information(signals, lags, colour)
 
-    np.testing.assert_allclose(found, coloured_information(beside, colour), rtol=1e-12)
+    np.testing.assert_allclose(information, coloured_information(beside, colour), rtol=1e-12)
 
 
 DT = 0.1
@@ -144,9 +144,9 @@ def test_what_returns_to_the_model_is_predicted_as_theory_says():
 
 def test_what_wanders_off_is_not_expected_back():
     walk = np.cumsum(np.random.default_rng(3).standard_normal(4000))
-    found = fit_disturbance([walk], DT)
-    assert found.memory_seconds is None
-    assert from_json(as_json(found), NoiseModel) == found
+    disturbance = fit_disturbance([walk], DT)
+    assert disturbance.memory_seconds is None
+    assert from_json(as_json(disturbance), NoiseModel) == disturbance
 
 
 OMEGA = np.logspace(-1.5, 1.0, 40)

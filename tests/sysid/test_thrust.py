@@ -97,9 +97,9 @@ def test_a_motor_that_works_harder_shows_in_its_effort():
 
 
 def test_what_is_not_known_is_said():
-    found = fit_thrust([flight(6, density=np.nan, f_z=-9.8, vehicle=None, voltage=np.nan)]).findings
-    assert {"conditions-assumed", "frame-unknown"} <= {f.id for f in found}
-    assumed = " ".join(f.reason for f in found if f.id == "conditions-assumed")
+    findings = fit_thrust([flight(6, density=np.nan, f_z=-9.8, vehicle=None, voltage=np.nan)]).findings
+    assert {"conditions-assumed", "frame-unknown"} <= {f.id for f in findings}
+    assumed = " ".join(f.reason for f in findings if f.id == "conditions-assumed")
     assert "density of the air is unknown" in assumed
     assert "without battery voltage" in assumed
 
@@ -154,16 +154,16 @@ def test_a_load_that_is_dropped_in_flight_is_named(change):
     force = made.context["f_z"].to_numpy() * np.where(np.arange(len(made.t)) < half, 1.0, change)
     voltage = np.full(len(made.t), 16.0)
     model = fit_thrust([replace(made, context=made.context.assign(f_z=force, voltage=voltage))])
-    told = [finding for finding in model.findings if finding.id == "thrust-changed-in-flight"]
-    assert len(told) == (abs(change - 1.0) > 0.12)
-    if told:
-        assert told[0].evidence["change"] == pytest.approx(change - 1.0, abs=0.02)
-        assert told[0].evidence["time"] == pytest.approx(made.t[half], abs=1.5)
+    findings = [finding for finding in model.findings if finding.id == "thrust-changed-in-flight"]
+    assert len(findings) == (abs(change - 1.0) > 0.12)
+    if findings:
+        assert findings[0].evidence["change"] == pytest.approx(change - 1.0, abs=0.02)
+        assert findings[0].evidence["time"] == pytest.approx(made.t[half], abs=1.5)
 
 
 def test_unknown_air_widens_the_standard_error():
     """Flown at 1000 m (1.112 kg/m^3) without barometer and altitude: the truth is within two standard errors."""
-    model = fit_thrust([flight(12, density=1.112, told=np.nan)])
+    model = fit_thrust([flight(12, density=1.112, recorded_density=np.nan)])
     on_another_day = np.hypot(model.common.sigma, model.air_sigma * model.common.per_mass)
     assert on_another_day > 0.1 * model.common.per_mass
     assert abs(model.common.per_mass - 3.2) < 2.0 * on_another_day
@@ -187,16 +187,16 @@ def pack(seed: int, *, changes: float = 4.0, current_noise: float = 0.5, voltage
 
 
 def test_errors_are_as_large_as_sigma_says():
-    found = [sag_resistance(*pack(seed)) for seed in range(40)]
-    errors = np.array([(each.value - TRUTH) / each.sigma for each in found])
+    resistances = [sag_resistance(*pack(seed)) for seed in range(40)]
+    errors = np.array([(resistance.value - TRUTH) / resistance.sigma for resistance in resistances])
     assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.4
     assert abs(np.mean(errors)) < 0.5
-    assert np.median([each.sigma for each in found]) < 0.1 * TRUTH
+    assert np.median([resistance.sigma for resistance in resistances]) < 0.1 * TRUTH
 
 
 def test_noise_of_the_current_sensor_does_not_make_it_small():
-    found = [sag_resistance(*pack(seed, current_noise=4.0)).value for seed in range(10)]
-    assert np.mean(found) == pytest.approx(TRUTH, rel=0.05)
+    resistances = [sag_resistance(*pack(seed, current_noise=4.0)).value for seed in range(10)]
+    assert np.mean(resistances) == pytest.approx(TRUTH, rel=0.05)
 
 
 def test_what_nothing_shows_is_not_stated():
@@ -211,5 +211,5 @@ def test_what_nothing_shows_is_not_stated():
 def test_a_simulated_flight_has_the_resistance_of_its_pack():
     log = logparse.read_log(SAMPLES / "quad01_davos_esc.bin")
     flown = log.tables.battery.loc[log.flight.start : log.flight.stop]
-    found = sag_resistance(flown.index.to_numpy(), flown["voltage"].to_numpy(), flown["current"].to_numpy())
-    assert found.value == pytest.approx(0.02, abs=max(4.0 * found.sigma, 0.004))
+    resistance = sag_resistance(flown.index.to_numpy(), flown["voltage"].to_numpy(), flown["current"].to_numpy())
+    assert resistance.value == pytest.approx(0.02, abs=max(4.0 * resistance.sigma, 0.004))

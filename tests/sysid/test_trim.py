@@ -45,14 +45,14 @@ def test_the_thrust_scale_of_another_load_is_found(factor):
     seen, scale = with_commands(other(), factor)
     model = fitted()
     for seconds in (30.0, None):
-        found = model.trim(seen, seconds)
-        assert found.thrust_scale == pytest.approx(scale, rel=0.01)
+        trim = model.trim(seen, seconds)
+        assert trim.thrust_scale == pytest.approx(scale, rel=0.01)
     result = validate(model, [seen], horizons=(1.0,))
     vertical = result.horizons.set_index("output").loc["z", "rmse"]
     assert vertical < 0.02
     unusual = [finding for finding in result.findings if finding.id == "thrust-differs"]
     # Air at 1500 m and the payload count together: 3.5 % is one standard deviation.
-    assert bool(unusual) == (abs(found.thrust_scale - 1.0) > 2.5 * 0.0347)
+    assert bool(unusual) == (abs(trim.thrust_scale - 1.0) > 2.5 * 0.0347)
     assert not validate(model, [other()], horizons=()).findings
 
 
@@ -85,17 +85,17 @@ def test_every_flight_has_its_own_wind_profile():
     assert "wind_exponent" not in model.parameters
     for exponent, seed in ((0.45, 5), (0.0, 6), (0.25, 7)):
         seen = sheared(exponent, seed)
-        found = model.trim(seen)
-        assert abs(found.wind_exponent - exponent) < max(3.0 * found.wind_exponent_sigma, 0.05)
+        trim = model.trim(seen)
+        assert abs(trim.wind_exponent - exponent) < max(3.0 * trim.wind_exponent_sigma, 0.05)
         assert max(validate(model.trimmed([seen]), [seen], horizons=()).average.values()) < 1.0
 
 
 def test_the_profile_counts_from_the_ground_wherever_a_record_begins():
     seen = sheared(0.45, 5)
     later = seen.window(seen.t[0] + 20.0, seen.t[-1] - 15.0)
-    found = fitted().trim(later)
+    trim = fitted().trim(later)
     assert later.context["height"].iloc[[0, -1]].min() > 5.0
-    assert abs(found.wind_exponent - 0.45) < 0.05
+    assert abs(trim.wind_exponent - 0.45) < 0.05
 
 
 def test_a_trim_is_no_better_known_than_the_drag_that_it_goes_by():
@@ -109,10 +109,10 @@ def test_a_trim_is_no_better_known_than_the_drag_that_it_goes_by():
     covariance[np.ix_(places, places)] = 0.01 * np.outer(values, values)
     off = {name: replace(model.parameters[name], used=1.1 * model.value(name)) for name in drags}
     right = model.trim(seen)
-    found = replace(model, covariance=covariance, parameters={**model.parameters, **off}).trim(seen)
-    error = np.hypot(found.wind_n - right.wind_n, found.wind_e - right.wind_e)
-    assert 0.3 * found.wind_sigma < error < 2.0 * found.wind_sigma
-    assert found.thrust_scale_sigma < 0.01
+    trim = replace(model, covariance=covariance, parameters={**model.parameters, **off}).trim(seen)
+    error = np.hypot(trim.wind_n - right.wind_n, trim.wind_e - right.wind_e)
+    assert 0.3 * trim.wind_sigma < error < 2.0 * trim.wind_sigma
+    assert trim.thrust_scale_sigma < 0.01
 
 
 def test_the_beginning_of_a_flight_contradicts_wrong_drag():
@@ -122,9 +122,9 @@ def test_the_beginning_of_a_flight_contradicts_wrong_drag():
     drags = np.array([name.startswith("drag_linear") for name in THETA])
     right = np.array([model.value(name) for name in THETA])
     wrong, doubt = np.where(drags, 1.2 * right, right), np.diag(np.where(drags, 0.2 * right, 0.0) ** 2)
-    told = carry_states(flight.cut(0, round(30.0 / flight.dt)), wrong, model.law, doubt=doubt)
-    left = (told.craft[-1] + wrong - right)[drags]
-    sigma = np.sqrt(np.diag(told.covariances[-1])[STATES:][drags])
+    carried = carry_states(flight.cut(0, round(30.0 / flight.dt)), wrong, model.law, doubt=doubt)
+    left = (carried.craft[-1] + wrong - right)[drags]
+    sigma = np.sqrt(np.diag(carried.covariances[-1])[STATES:][drags])
     assert (sigma[:2] < 0.15 * right[drags][:2]).all()
     assert (np.abs(left) < 3.0 * sigma).all()
 
@@ -132,13 +132,13 @@ def test_the_beginning_of_a_flight_contradicts_wrong_drag():
 def test_a_free_run_is_free_from_where_its_trim_has_looked_at():
     """The first 30 s tell the wind; from there on nothing measured is used, and the score begins there."""
     seen, model = other(), fitted()
-    told = model.trimmed([seen], seconds=30.0)
-    assert told.initial_seconds(seen) == pytest.approx(30.0, abs=0.1) == model.initial_seconds(seen)
-    at = int(np.searchsorted(seen.t, told.flights["other"].looked_until))
-    run = told.simulate(seen)
+    trimmed_flight = model.trimmed([seen], seconds=30.0)
+    assert trimmed_flight.initial_seconds(seen) == pytest.approx(30.0, abs=0.1) == model.initial_seconds(seen)
+    at = int(np.searchsorted(seen.t, trimmed_flight.flights["other"].looked_until))
+    run = trimmed_flight.simulate(seen)
     np.testing.assert_allclose(run[at], seen.y[at], atol=1e-9)
     changed = replace(seen, y=np.where(np.arange(len(seen.t))[:, None] > at, seen.y + 100.0, seen.y))
-    np.testing.assert_array_equal(told.simulate(changed), run)
+    np.testing.assert_array_equal(trimmed_flight.simulate(changed), run)
 
 
 def test_predictions_use_nothing_of_what_comes_after():
@@ -153,10 +153,10 @@ def test_predictions_use_nothing_of_what_comes_after():
         y=seen.y + np.where(later, 30.0, 0.0)[:, None],
         context=seen.context.assign(v_n=seen.context["v_n"] + np.where(later, 4.0, 0.0)),
     )
-    found = model.predict(changed, 2.0, every=10)
+    predicted = model.predict(changed, 2.0, every=10)
     steps = round(2.0 / seen.dt)
     restarts = np.arange(10, np.flatnonzero(later)[0], 10)
-    np.testing.assert_allclose(found[restarts + steps], whole[restarts + steps], atol=1e-9)
+    np.testing.assert_allclose(predicted[restarts + steps], whole[restarts + steps], atol=1e-9)
 
 
 def test_gusts_are_followed():

@@ -54,9 +54,9 @@ def test_verdict_follows_the_worst_axis(fit, trust, words):
 
 
 def test_an_axis_that_does_not_follow_its_own_flight_is_right_elsewhere_by_luck():
-    found = free_runs({"x": 60.0, "z": 80.0})
-    found.loc[found["trained"] & (found["output"] == "x"), "fit_percent"] = -169.0
-    verdict = assess(found)
+    runs = free_runs({"x": 60.0, "z": 80.0})
+    runs.loc[runs["trained"] & (runs["output"] == "x"), "fit_percent"] = -169.0
+    verdict = assess(runs)
     assert verdict.trust is Trust.LIMITED
     assert "in z only" in verdict.sentence
 
@@ -81,22 +81,22 @@ def test_one_record_is_not_enough_to_trust_a_model():
 
 def test_a_target_that_is_as_good_is_said_and_does_not_condemn_the_model():
     """Off by 0.1 m where the target is off by 0.1 m too, of flights that move by metres: `do not trust` misled."""
-    found = free_runs({"x": 95.0, "z": 96.0}, mean=20.0, reference=1.02)
-    verdict = assess(found)
+    runs = free_runs({"x": 95.0, "z": 96.0}, mean=20.0, reference=1.02)
+    verdict = assess(runs)
     assert verdict.trust is Trust.YES
     assert "in x and z the target itself is as good" in verdict.sentence
-    assert run_of(found).as_good_as_target == ("x", "z")
+    assert run_of(runs).as_good_as_target == ("x", "z")
 
 
 @pytest.mark.parametrize("flights", ["a", "ab"])
 def test_an_axis_that_did_not_move_condemns_no_model_that_does_better_than_its_target(flights):
     """Hardly a step in y: off by 5 cm where the target is off by 6, `no` for 7 times the mean's error of 7 mm."""
-    found = free_runs({"x": 98.0, "y": -600.0}, mean=20.0, reference=1.2, flights=flights)
-    found.loc[found["output"] == "y", "rmse_mean"] = 0.14
-    run = run_of(found)
+    runs = free_runs({"x": 98.0, "y": -600.0}, mean=20.0, reference=1.2, flights=flights)
+    runs.loc[runs["output"] == "y", "rmse_mean"] = 0.14
+    run = run_of(runs)
     assert (run.trust, run.far, run.better_than_target) == (Trust.LIMITED, (), ("x", "y"))
-    assert assess(found).trust is Trust.LIMITED
-    assert "in x only" in assess(found).sentence
+    assert assess(runs).trust is Trust.LIMITED
+    assert "in x only" in assess(runs).sentence
     worse = free_runs({"x": 98.0, "y": -600.0}, mean=20.0, reference=0.5, flights=flights)
     worse.loc[worse["output"] == "y", "rmse_mean"] = 0.14
     assert run_of(worse).trust is Trust.NO
@@ -116,11 +116,11 @@ def errors(*rows, mean=(14.0, 17.0, 7.0)):
 
 def test_one_axis_far_beyond_the_mean_is_no_for_free_runs():
     """64, 59 and 2.7 m, where the mean errs by 14, 17 and 7 m, was `with care`."""
-    found = errors((64.0, 59.0, 2.7), (64.0, 59.0, 2.7))
-    run = run_of(found)
+    table = errors((64.0, 59.0, 2.7), (64.0, 59.0, 2.7))
+    run = run_of(table)
     assert (run.trust, run.follows, run.far) == (Trust.NO, ("z",), ("x", "y"))
     assert "x 4.6 times and y 3.5 times the error of always predicting the mean" in run.sentence
-    verdict = assess(found)
+    verdict = assess(table)
     assert verdict.trust is Trust.NO
     assert "no better than its worst axis" in verdict.sentence
 
@@ -135,15 +135,15 @@ def test_a_single_record_must_hold_in_all_axes():
 
 def test_flights_outside_the_envelope_are_counted_apart():
     good, bad, away = (1.4, 1.7, 0.7), (10.0, 1.7, 0.7), (90.0, 90.0, 90.0)
-    found = errors(good, good, good, good, bad, away)
-    run = run_of(found, outside={"f"})
+    table = errors(good, good, good, good, bad, away)
+    run = run_of(table, outside={"f"})
     assert (run.flights_within, run.followed_within, run.flights_outside, run.followed_outside) == (5, 4, 1, 0)
     assert run.flights() == (
         "4 of 5 flights within the envelope are followed in every axis to 90–90 %; 0 of 1 outside it"
     )
     assert run.trust is Trust.YES, "on average over those within, every axis is followed"
-    assert assess(found, outside={"f"}).trust is Trust.YES
-    assert assess(found).trust is Trust.NO
+    assert assess(table, outside={"f"}).trust is Trust.YES
+    assert assess(table).trust is Trust.NO
     # Where all are outside, nothing else judges, and they do not make a model trusted.
     assert run_of(errors(good, good), outside={"a", "b"}).trust is Trust.LIMITED
     assert (
@@ -153,7 +153,7 @@ def test_flights_outside_the_envelope_are_counted_apart():
 
 def ahead(curves, flights="ab"):
     """Make tables with errors by horizon: horizon -> (error, constant position, constant velocity) by output."""
-    found = free_runs({"x": 90.0, "z": 90.0}, flights=flights)
+    runs = free_runs({"x": 90.0, "z": 90.0}, flights=flights)
     rows = [
         {"flight": flight, "output": output, "trained": False, "horizon": horizon}
         | dict(zip(("rmse", "rmse_constant_position", "rmse_constant_velocity"), values, strict=True))
@@ -161,7 +161,7 @@ def ahead(curves, flights="ab"):
         for horizon, by_output in curves.items()
         for output, values in by_output.items()
     ]
-    return found, pd.DataFrame(rows)
+    return runs, pd.DataFrame(rows)
 
 
 GOOD, FAIR = (0.1, 1.0, 0.5), (0.3, 1.0, 0.5)

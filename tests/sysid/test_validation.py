@@ -67,7 +67,7 @@ def test_a_model_that_beats_its_best_baseline_by_three_per_cent_does_not_follow(
     flights = [record("unseen", climb), record("another", climb)]
     best = float(validate(Known(0.5), flights).table["rmse_constant_velocity"].mean())
     close = [validate(Known(part * best), flights).uses.free_run for part in (0.97, 0.93)]
-    assert [each.follows for each in close] == [(), ("x", "z")]
+    assert [verdict.follows for verdict in close] == [(), ("x", "z")]
 
 
 def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_validation_says_so():

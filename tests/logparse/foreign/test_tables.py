@@ -101,13 +101,13 @@ def test_what_stands_on_the_ground_is_left_out():
     """Motors that stand show where the ground is; without them nothing is taken for it."""
     flight = table()
     ground = [flight.iloc[[at] * 300].assign(z=flight["z"].min() - 0.5, a=0.0, b=0.0, c=0.0, d=0.0) for at in (0, -1)]
-    for each in ground:
-        each[["vx", "vy", "vz", "wx", "wy", "wz"]] = 0.0
+    for landing in ground:
+        landing[["vx", "vy", "vz", "wx", "wy", "wz"]] = 0.0
     whole = pd.concat([ground[0], flight, ground[1]], ignore_index=True)
     whole["t"] = np.arange(len(whole)) / RATE
     read = read_motion(whole, columns())
     assert (read.t[0], read.t[-1]) == pytest.approx((3.0, 3.0 + flight["t"].iloc[-1]), abs=0.05)
-    assert any("stands on the ground for 6.0 s" in each.reason for each in read.findings)
+    assert any("stands on the ground for 6.0 s" in finding.reason for finding in read.findings)
     assert len(read_motion(flight, columns()).t) == len(flight)
 
 
@@ -177,7 +177,7 @@ def test_damaged_files_are_refused_or_read_whatever_the_libraries_raise(tmp_path
         except TableError as error:
             said.append(str(error))
     assert said
-    assert all(path.name in each for each in said)
+    assert all(path.name in sentence for sentence in said)
 
 
 @pytest.mark.parametrize("suffix", [".csv.gz", ".csv.xz", ".csv.bz2", ".parquet", "5.mat", "73.mat"])
@@ -282,8 +282,8 @@ def as_it_is(frame):
 
 def doubtful(frame, described=None):
     """Return what is found doubtful about a table."""
-    found = read_motion(frame, described or columns()).findings
-    return [each for each in found if each.id == "table-doubtful"]
+    findings = read_motion(frame, described or columns()).findings
+    return [finding for finding in findings if finding.id == "table-doubtful"]
 
 
 def test_missing_velocity_and_rates_are_derived():
@@ -388,7 +388,7 @@ NAMED = {
 def test_damage_is_cut_out_or_mended_and_named(case):
     change, column = NAMED[case]
     read = read_motion(change(table()), columns(fill=case == "weak"))
-    assert column in [each.evidence.get("column") for each in read.findings if each.id == "table-doubtful"]
+    assert column in [finding.evidence.get("column") for finding in read.findings if finding.id == "table-doubtful"]
     assert np.isfinite(read.motors).all()
     assert np.isfinite(read.rates).all()
     assert read.motors.max() < 1e4
@@ -408,33 +408,33 @@ def test_motors_that_only_partly_turn_the_craft_are_named_where_another_order_fi
     others = pitching.std() * np.sin(2 * np.pi * 0.9 * frame["t"] ** 1.05)
     frame[["a", "b", "c", "d"]] = np.sqrt(np.maximum(squares + np.outer(2.0 * others, np.cos(ANGLES)), 0.0))
     assert not read_motion(frame, columns()).findings
-    [found] = read_motion(swapped("a", "d")(swapped("b", "c")(frame)), columns()).findings
-    assert (found.id, str(found.severity)) == ("table-doubtful", "warning")
-    assert "in the order d, c, b, a the motors would turn the craft better" in found.reason
+    [finding] = read_motion(swapped("a", "d")(swapped("b", "c")(frame)), columns()).findings
+    assert (finding.id, str(finding.severity)) == ("table-doubtful", "warning")
+    assert "in the order d, c, b, a the motors would turn the craft better" in finding.reason
 
 
 @pytest.mark.parametrize("rows", [4, -10])
 @pytest.mark.parametrize(
-    ("group", "told"),
+    ("group", "shift"),
     [("vx vy vz", "vx vy vz"), ("wx wy wz", "wx wy wz"), ("qx qy qz qw", "wx wy wz"), ("x y z", "vx vy vz")],
 )
-def test_columns_of_another_clock_are_named_with_their_shift(group, told, rows):
+def test_columns_of_another_clock_are_named_with_their_shift(group, shift, rows):
     """Either column of a pair may be the late one; the sentence says which is late against which."""
     frame = table()
     frame[group.split()] = frame[group.split()].shift(rows).bfill().ffill()
-    [found] = doubtful(frame)
-    late = rows if group == told else -rows
-    assert found.evidence["column"] == told.replace(" ", ", ")
+    [finding] = doubtful(frame)
+    late = rows if group == shift else -rows
+    assert finding.evidence["column"] == shift.replace(" ", ", ")
     # Positions here are running sums of velocities, which are half a sample late.
-    assert found.evidence["seconds"] == pytest.approx(late / RATE, abs=0.6 / RATE)
+    assert finding.evidence["seconds"] == pytest.approx(late / RATE, abs=0.6 / RATE)
 
 
 def test_an_attitude_of_another_clock_is_named_where_there_are_no_rates():
     frame = table()
     frame[["qx", "qy", "qz", "qw"]] = frame[["qx", "qy", "qz", "qw"]].shift(6).bfill()
-    [found] = doubtful(frame, without("rates"))
-    assert found.evidence["column"] == "qx, qy, qz, qw"
-    assert found.evidence["seconds"] == pytest.approx(0.06, abs=0.01)
+    [finding] = doubtful(frame, without("rates"))
+    assert finding.evidence["column"] == "qx, qy, qz, qw"
+    assert finding.evidence["seconds"] == pytest.approx(0.06, abs=0.01)
 
 
 def test_signs_of_quaternions_may_change_at_any_sample():
@@ -514,9 +514,9 @@ def test_feet_along_the_vertical_are_named_by_the_thrust(velocity):
     """Position and velocity agree, and attitude says nothing of it."""
     described = columns() if velocity else without("velocity")
     assert not doubtful(table(), described)
-    (found,) = doubtful(scaled("z vz" if velocity else "z", 3.28)(table()), described)
-    assert found.evidence["column"] == ("z, vz" if velocity else "z")
-    assert found.evidence["change"] == pytest.approx(3.28, rel=0.15)
+    (finding,) = doubtful(scaled("z vz" if velocity else "z", 3.28)(table()), described)
+    assert finding.evidence["column"] == ("z, vz" if velocity else "z")
+    assert finding.evidence["change"] == pytest.approx(3.28, rel=0.15)
 
 
 def test_a_chirp_after_calm_is_no_spike_and_a_lost_sample_in_it_is_one():
@@ -526,15 +526,15 @@ def test_a_chirp_after_calm_is_no_spike_and_a_lost_sample_in_it_is_one():
     rate = calm + np.where(t > 55.0, np.sin(2.0 * np.pi * 10.0 * t), 0.0)
     assert without_spikes(rate[:, None], ("wx",))[1] == []
     rate[[1000, 2900]] = 5.0, 50.0
-    (found,) = without_spikes(rate[:, None], ("wx",))[1]
-    assert "2 samples leap away" in found.reason
+    (finding,) = without_spikes(rate[:, None], ("wx",))[1]
+    assert "2 samples leap away" in finding.reason
 
 
 @pytest.mark.filterwarnings("error")
 def test_a_quarter_of_a_second_is_too_short_to_tell_what_motors_do():
     short = table().head(60)
-    found = doubtful(short.assign(t=0.4 * short.t), without("velocity", "rates"))
-    assert not any("grow with the motors" in each.reason for each in found)
+    findings = doubtful(short.assign(t=0.4 * short.t), without("velocity", "rates"))
+    assert not any("grow with the motors" in finding.reason for finding in findings)
 
 
 @pytest.mark.parametrize("content", [b"", b"\x00\x01\x02", b"a,b\n"])

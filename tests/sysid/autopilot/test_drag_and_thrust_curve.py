@@ -27,33 +27,33 @@ def fitted(path):
 
 
 def values(model, record, version=(4, 7)):
-    return {each.name.removeprefix("EK3_DRAG_"): each.proposed for each in drag_values(model, [record], version, {})}
+    return {value.name.removeprefix("EK3_DRAG_"): value.proposed for value in drag_values(model, [record], version, {})}
 
 
 def test_of_a_simulated_craft():
     """The relocations of octa11 at 6 m/s: every coefficient within two of its sigmas of the truth."""
-    found = values(*fitted("sample_logs/octa11_sydney_fast.bin"))
+    proposed = values(*fitted("sample_logs/octa11_sydney_fast.bin"))
     craft = json.loads(Path("sample_logs/octa11_sydney_fast.json").read_text())["vehicle"]
     mass, area, linear = craft["mass_kg"], craft["drag_area_m2"], craft["drag_linear_n_s_m"]
     truth = {"BCOEF_X": mass / area[0], "BCOEF_Y": mass / area[1], "MCOEF": linear[0] / mass}
     for name, true in truth.items():
-        assert abs(found[name].value - true) < 2.0 * found[name].sigma, name
-        assert found[name].sigma < 0.35 * true
+        assert abs(proposed[name].value - true) < 2.0 * proposed[name].sigma, name
+        assert proposed[name].sigma < 0.35 * true
 
 
 @pytest.mark.parametrize("version", [(4, 7), (4, 5)])
 def test_at_the_density_flown_ekf3_computes_the_deceleration_of_the_craft(version):
     """AP_NavEKF3_AirDataFusion: rho u^2 / (2 BCOEF) + MCOEF r u; r: density's since 4.7, EAS2TAS^0.5 before."""
     model, record = fitted("sample_logs/octa11_sydney_fast.bin")
-    found = values(model, record, version)
+    proposed = values(model, record, version)
     s = float(np.median(relative_density(record)))
     r = s if version == (4, 7) else math.sqrt(s**-0.5)
     linear = math.sqrt(s) if model.rotor_drag else s
     for axis in "xy":
-        quadratic = 1.225 * r / (2.0 * found[f"BCOEF_{axis.upper()}"].value)
+        quadratic = 1.225 * r / (2.0 * proposed[f"BCOEF_{axis.upper()}"].value)
         assert quadratic == pytest.approx(s * model.value(f"drag_quadratic_{axis}"), rel=0.35)
         total = model.value(f"drag_linear_{axis}") * linear * 5.0 + s * model.value(f"drag_quadratic_{axis}") * 25.0
-        assert found["MCOEF"].value * r * 5.0 + quadratic * 25.0 == pytest.approx(total, rel=0.05)
+        assert proposed["MCOEF"].value * r * 5.0 + quadratic * 25.0 == pytest.approx(total, rel=0.05)
 
 
 def test_a_wind_that_turns_and_a_flight_without_speed_are_named():
@@ -62,28 +62,29 @@ def test_a_wind_that_turns_and_a_flight_without_speed_are_named():
     veered = tuple((float(t), 2.0 * k, 0.0) for k, t in enumerate(np.linspace(record.t[0], record.t[-1], 4)))
     turned = replace(model, flights={record.name: replace(trim, variation=veered)})
     assert all(
-        each.value is None and "the wind changed by 4.0 m/s" in each.reason for each in values(turned, record).values()
+        value.value is None and "the wind changed by 4.0 m/s" in value.reason
+        for value in values(turned, record).values()
     )
     still = values(*fitted("sample_logs/octa07_singapore_hot.bin"))
-    assert all(each.value is None and "EKF3's wind would err" in each.reason for each in still.values())
+    assert all(parameter.value is None and "EKF3's wind would err" in parameter.reason for parameter in still.values())
 
 
 def test_a_flight_that_hardly_moves_says_how_little_it_knows_of_the_square_of_speed(unpacked):
     """At 0.1 m/s through the air it was 15.7 +- 0.3 of true 22.6 kg/m^2: laws of drag hold less well than they fit."""
     true = 1.5 / 0.0663  # mass over drag area
-    found = values(*fitted(unpacked("autopilot/autotune_quad15_after")))
+    proposed = values(*fitted(unpacked("autopilot/autotune_quad15_after")))
     for name in ("BCOEF_X", "BCOEF_Y"):
-        assert found[name].value is None or abs(found[name].value - true) < 2.0 * found[name].sigma
+        assert proposed[name].value is None or abs(proposed[name].value - true) < 2.0 * proposed[name].sigma
 
 
 def test_a_flight_of_the_firmware_without_drag_tells_the_right_ones(unpacked):
     """EKF3 knew no wind there; with the right ones it errs by 0.13 m/s, with the simulator's hint by 0.49."""
     model, record = fitted(unpacked("autopilot/drag_octa_off"))
-    found = values(model, record)
+    proposed = values(model, record)
     for name, true in {"BCOEF_X": 17.21, "BCOEF_Y": 17.21, "MCOEF": 0.254}.items():
-        assert found[name].value == pytest.approx(true, rel=0.05)
-        assert abs(found[name].value - true) < 2.0 * found[name].sigma
-    assert all(each.proposed.value is None for each in drag_values(*_flown(unpacked("autopilot/drag_octa_true"))))
+        assert proposed[name].value == pytest.approx(true, rel=0.05)
+        assert abs(proposed[name].value - true) < 2.0 * proposed[name].sigma
+    assert all(value.proposed.value is None for value in drag_values(*_flown(unpacked("autopilot/drag_octa_true"))))
 
 
 def _flown(path):
@@ -99,8 +100,8 @@ def flown(path):
 
 def proposals(log, record):
     setting = log.parameters_flown | {"MOT_THST_EXPO": record.vehicle.thrust_expo}
-    found = thrust_values(fit_rigid_body([record]), [log], [record], setting)
-    return {each.name.removeprefix("MOT_"): each for each in found}
+    proposed = thrust_values(fit_rigid_body([record]), [log], [record], setting)
+    return {value.name.removeprefix("MOT_"): value for value in proposed}
 
 
 def with_setting(record, **setting):
@@ -111,8 +112,8 @@ def with_setting(record, **setting):
 def test_a_simulated_craft_of_065_flown_with_another_setting(wrong, hover):
     """The motors' pulses are the same whatever the setting: what it makes of them differs."""
     log, record = flown("sample_logs/octa05_nairobi_turns.bin")
-    found = proposals(log, with_setting(record, thrust_expo=wrong))
-    expo, throttle = found["THST_EXPO"].proposed, found["THST_HOVER"]
+    proposed = proposals(log, with_setting(record, thrust_expo=wrong))
+    expo, throttle = proposed["THST_EXPO"].proposed, proposed["THST_HOVER"]
     assert (expo.value is None) == (not hover)
     if not hover:
         assert "within the error" in expo.reason or "less than 3 %" in expo.reason
@@ -127,19 +128,19 @@ def test_a_simulated_craft_of_065_flown_with_another_setting(wrong, hover):
 def test_parameters_that_did_not_fly_and_a_battery_that_sags_are_named():
     log, record = flown("sample_logs/octa05_nairobi_turns.bin")
     apart = Finding(MIXER_DIFFERS, Severity.WARNING, "motor outputs follow otherwise", "", {"slope": 1.2})
-    found = proposals(log, replace(record, findings=(apart,)))
-    assert all(each.proposed.value is None and "did not fly" in each.proposed.reason for each in found.values())
+    proposed = proposals(log, replace(record, findings=(apart,)))
+    assert all(value.proposed.value is None and "did not fly" in value.proposed.reason for value in proposed.values())
 
 
 @pytest.mark.parametrize(("name", "flew"), [("minus", 0.30), ("right", 0.65)])
 def test_firmware_flights_of_wrong_curves(unpacked, name, flew):
     """True curve 0.65; hover throttle 0.366 by the wrong setting, 0.284 by the right one."""
     log, record = flown(unpacked(f"autopilot/expo_quad15_{name}"))
-    found = proposals(log, record)
-    assert found["THST_EXPO"].now == pytest.approx(flew)
-    assert found["SPIN_MIN"].proposed.value is None
-    assert "thrust begins" in found["SPIN_MIN"].proposed.reason
-    proposed = {key: each.proposed.value for key, each in found.items() if each.proposed.value is not None}
+    changes = proposals(log, record)
+    assert changes["THST_EXPO"].now == pytest.approx(flew)
+    assert changes["SPIN_MIN"].proposed.value is None
+    assert "thrust begins" in changes["SPIN_MIN"].proposed.reason
+    proposed = {key: value.proposed.value for key, value in changes.items() if value.proposed.value is not None}
     climb = {"PSC_ACCZ_P": 0.284, "PSC_ACCZ_I": 0.568}  # flown with the firmware's 0.5 and 1
     curve = {} if flew == 0.65 else {"THST_EXPO": 0.65, "THST_HOVER": 0.284}
     assert proposed == pytest.approx(climb | curve, abs=0.02)
@@ -147,10 +148,10 @@ def test_firmware_flights_of_wrong_curves(unpacked, name, flew):
 
 def test_vibration_that_the_accelerometer_folds_changes_no_curve(unpacked):
     """Hover with small climbs says 0.58 ± 0.02 where 0.65 is true and flew: neither proposed nor called right."""
-    found = proposals(*flown(unpacked("autopilot/vibration_octa8_off")))
-    assert found["THST_EXPO"].proposed.value is None
-    assert not found["THST_EXPO"].right
-    assert found["THST_HOVER"].right
+    proposed = proposals(*flown(unpacked("autopilot/vibration_octa8_off")))
+    assert proposed["THST_EXPO"].proposed.value is None
+    assert not proposed["THST_EXPO"].right
+    assert proposed["THST_HOVER"].right
 
 
 def test_thrust_that_begins_elsewhere_is_told_from_a_curve(unpacked):

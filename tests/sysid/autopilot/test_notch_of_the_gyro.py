@@ -50,7 +50,7 @@ def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates
     )
     line = 2.0 * np.pi * hover_hz * (np.repeat(throttles, 4) / 0.4) ** exponent
     speeds = pd.DataFrame({"w1": esc * line, "w2": esc * line}, index=setpoints.index)
-    heads = pd.DataFrame([(1, each, 1e6) for each in instances], columns=["type", "instance", "mul"])
+    heads = pd.DataFrame([(1, instance, 1e6) for instance in instances], columns=["type", "instance", "mul"])
     vehicle = SimpleNamespace(firmware="ArduCopter", version="4.5.7")
     return SimpleNamespace(
         name="made.bin",
@@ -73,14 +73,14 @@ def proposed(log):
 
 
 def test_lines_and_what_they_follow():
-    found = proposed(flight())
-    assert found["INS_HNTCH_FREQ"] == pytest.approx(83.0, rel=0.005)
-    assert (found["INS_HNTCH_MODE"], found["INS_HNTCH_REF"], found["INS_HNTCH_HMNCS"]) == (1.0, 0.4, 3.0)
+    notch = proposed(flight())
+    assert notch["INS_HNTCH_FREQ"] == pytest.approx(83.0, rel=0.005)
+    assert (notch["INS_HNTCH_MODE"], notch["INS_HNTCH_REF"], notch["INS_HNTCH_HMNCS"]) == (1.0, 0.4, 3.0)
     # Where ESCs report the line's speed the notch follows them; where they report another, as with wrong poles, not.
     by_esc = proposed(flight(esc=1.0))
     assert (by_esc["INS_HNTCH_MODE"], by_esc["INS_HNTCH_REF"], by_esc["INS_HNTCH_FM_RAT"]) == (3.0, 1.0, 1.0)
     # FREQ is then no frequency of hover but the lowest that is followed (ArduPilot's parameter reference).
-    assert by_esc["INS_HNTCH_FREQ"] == pytest.approx(found["INS_HNTCH_FM_RAT"] * found["INS_HNTCH_FREQ"], rel=0.01)
+    assert by_esc["INS_HNTCH_FREQ"] == pytest.approx(notch["INS_HNTCH_FM_RAT"] * notch["INS_HNTCH_FREQ"], rel=0.01)
     assert by_esc["INS_HNTCH_BW"] < by_esc["INS_HNTCH_FREQ"]
     assert proposed(flight(esc=0.5))["INS_HNTCH_MODE"] == 1.0
     lines = notch_study(flight(exponent=0.8)).lines
@@ -105,8 +105,8 @@ def test_the_noise_at_the_mixer_is_that_of_the_filters_in_the_time_domain():
                 attenuation_db=40.0,
                 harmonics=3,
             )
-            for each in (*(notches if notched else ()), second_order(RATE, 40.0)):
-                x = scipy.signal.lfilter(each.b, each.a, x)
+            for notch in (*(notches if notched else ()), second_order(RATE, 40.0)):
+                x = scipy.signal.lfilter(notch.b, notch.a, x)
             y = np.interp(np.arange(0.2, 1.0, 1.0 / 400.0), np.arange(SIZE) / RATE, x)
             d = scipy.signal.lfilter([alpha], [1.0, alpha - 1.0], np.diff(y) * 400.0)
             squares.append(np.var(controller_p * y[1:] + controller_d * d))
@@ -161,7 +161,7 @@ def test_a_notch_that_hides_a_mode_of_the_frame_stays():
         notch = {"ENABLE": 1.0, "FREQ": 30.0, "HMNCS": 1.0, "BW": 15.0, "ATT": 40.0}
         log = flight(**{f"INS_HNTCH_{name}": x for name, x in notch.items()})
         values = notch_values(log, notch_study(log, loops), loops, log.parameters_flown)
-        frequency = next(each.proposed for each in values if each.name == "INS_HNTCH_FREQ")
+        frequency = next(value.proposed for value in values if value.name == "INS_HNTCH_FREQ")
         assert (frequency.value is None) == stays
         assert ("hides" in frequency.reason) == stays
 

@@ -18,12 +18,12 @@ HOVER = AutopilotValue("MOT_THST_HOVER", ParameterFile.THROTTLE, None, Parameter
 
 def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
     (tmp_path / ParameterFile.WIND).write_text("EK3_DRAG_MCOEF,9\n")
-    found = AutopilotValues(("a.bin",), (EXPO, HOVER))
-    assert found.write(tmp_path) == [tmp_path / "20_esc.param"]
+    proposed = AutopilotValues(("a.bin",), (EXPO, HOVER))
+    assert proposed.write(tmp_path) == [tmp_path / "20_esc.param"]
     assert [path.name for path in tmp_path.iterdir()] == ["20_esc.param"]
     text = (tmp_path / "20_esc.param").read_text(encoding="utf-8")
     assert text == "MOT_THST_EXPO,0.6512  # ± 0.02; was 0.3; a curve\n"
-    assert read_parameter_file(text) == found.proposed == {"MOT_THST_EXPO": 0.6512}
+    assert read_parameter_file(text) == proposed.proposed == {"MOT_THST_EXPO": 0.6512}
 
 
 def test_the_table_says_what_flew_and_why_nothing_is_proposed():
@@ -37,14 +37,14 @@ def test_the_table_says_what_flew_and_why_nothing_is_proposed():
 )
 def test_what_flew_stays_within_its_error(now, proposed):
     flown = {} if now is None else {"EK3_DRAG_MCOEF": now}
-    found = decided({"EK3_DRAG_MCOEF": Parameter(0.25251, 0.01, "1/s", "")}, ParameterFile.WIND, flown)
-    assert AutopilotValues(("a.bin",), tuple(found)).proposed == proposed
+    value = decided({"EK3_DRAG_MCOEF": Parameter(0.25251, 0.01, "1/s", "")}, ParameterFile.WIND, flown)
+    assert AutopilotValues(("a.bin",), tuple(value)).proposed == proposed
 
 
 def test_of_each_step_the_newest_flight_that_knows_of_it_counts():
     right = AutopilotValue("MOT_THST_EXPO", ParameterFile.ESC, 0.65, Parameter(None, None, "", "as flown"), right=True)
-    found = over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,)), ("c", (right,)), ("d", ())])
-    assert found.values == (right, HOVER)
+    pooled = over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,)), ("c", (right,)), ("d", ())])
+    assert pooled.values == (right, HOVER)
     assert over_flights([("a", (EXPO, HOVER)), ("b", (HOVER,))]).proposed == {"MOT_THST_EXPO": 0.6512}
 
 

@@ -68,10 +68,10 @@ def test_a_chirp_aborted_after_five_seconds_is_too_short_and_says_so(tmp_path: P
     stopped = replace(run, chirp_hz=np.where(run.elapsed < 5.0, run.chirp_hz, 0.0))
     names = [field.name for field in fields(stopped) if field.name != "excitation"]
     stopped = replace(stopped, **{name: getattr(stopped, name)[:cut] for name in names})
-    found = survey(logged(tmp_path, stopped), ["roll"]).axes[0]
-    assert found.response is None
-    assert "was aborted after 5.0 s at 0.66 Hz" in found.reason
-    assert "for 20 s at least" in found.reason
+    axis = survey(logged(tmp_path, stopped), ["roll"]).axes[0]
+    assert axis.response is None
+    assert "was aborted after 5.0 s at 0.66 Hz" in axis.reason
+    assert "for 20 s at least" in axis.reason
 
 
 def test_chirps_on_two_axes_at_once_are_told_apart(tmp_path: Path) -> None:
@@ -140,8 +140,8 @@ def test_every_power_up_of_a_file_counts(tmp_path: Path) -> None:
     (tmp_path / "both.BIN").write_bytes(b"".join(log.path.read_bytes() for log in logs))
     done = CliRunner().invoke(app, ["frequency", str(tmp_path / "both.BIN"), "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
-    found = json.loads((tmp_path / "frequency.json").read_text())
-    gains = [each["fit"]["parameters"]["gain"]["value"] for each in found["axes"] if "fit" in each]
+    answer = json.loads((tmp_path / "frequency.json").read_text())
+    gains = [axis["fit"]["parameters"]["gain"]["value"] for axis in answer["axes"] if "fit" in axis]
     assert gains == pytest.approx([300.0, 300.0], rel=0.03)
     assert done.output.count("the yaw target hardly moved, nothing was asked") == 1
 
@@ -151,10 +151,10 @@ def test_rows_in_which_the_command_folds_judge_no_model(tmp_path: Path) -> None:
     sticks = Shaking(duration=120.0, stick=0.3, gust=0.1, noise=0.003)
     slow = replace(PLANT, gain=100.0, lag=0.1)
     run = run_axis(slow, LoopGains.crossing_at(slow, 0.8), sticks, 3)
-    found = survey(logged(tmp_path, run, rate=10.0), ["roll"]).axes[0]
-    assert found.fit is not None
-    assert found.check is None
-    assert "aliases" in found.check_reason or found.fit.parameters["gain"].value is None
+    axis = survey(logged(tmp_path, run, rate=10.0), ["roll"]).axes[0]
+    assert axis.fit is not None
+    assert axis.check is None
+    assert "aliases" in axis.check_reason or axis.fit.parameters["gain"].value is None
 
 
 def test_motors_at_their_limits_are_said(tmp_path: Path) -> None:
@@ -181,8 +181,8 @@ def test_logs_of_two_craft_are_not_summed_unnoticed(tmp_path: Path) -> None:
 def test_a_held_out_piece_of_two_samples_has_a_correlation() -> None:
     """A damaged log left so little of one of its records; lags of half a second reached beyond it."""
     error, command = np.array([1.0, -1.0]), np.array([0.5, 1.0])
-    found = largest_correlation(error, command, SimpleNamespace(dt=0.01))  # type: ignore[arg-type]
-    assert 0.0 < found < 2.0
+    correlation = largest_correlation(error, command, SimpleNamespace(dt=0.01))  # type: ignore[arg-type]
+    assert 0.0 < correlation < 2.0
 
 
 @pytest.mark.filterwarnings("error")

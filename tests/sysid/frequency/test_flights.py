@@ -24,7 +24,7 @@ def chirped(tmp_path_factory: pytest.TempPathFactory) -> FlightLog:
 
 
 @pytest.fixture(scope="module")
-def found(chirped: FlightLog) -> frequency.FrequencyFit:
+def fitted(chirped: FlightLog) -> frequency.FrequencyFit:
     return frequency.fit(frequency.response(chirped, "roll"))
 
 
@@ -62,10 +62,10 @@ def test_plain_regression_is_biased_where_the_instrument_is_not(tmp_path: Path) 
     assert abs(bias) < 3.0 * np.median(frf.sigma[low])
 
 
-def test_parameters_of_a_chirp(found: frequency.FrequencyFit) -> None:
-    value = {name: known.value for name, known in found.parameters.items()}
-    sigma = {name: known.sigma for name, known in found.parameters.items()}
-    assert found.cost < 50.0
+def test_parameters_of_a_chirp(fitted: frequency.FrequencyFit) -> None:
+    value = {name: known.value for name, known in fitted.parameters.items()}
+    sigma = {name: known.sigma for name, known in fitted.parameters.items()}
+    assert fitted.cost < 50.0
     assert value["gain"] == pytest.approx(300.0, rel=0.05)
     assert value["lag"] == pytest.approx(0.03, rel=0.05)
     assert value["delay"] == pytest.approx(PLANT.total_delay, abs=0.005)
@@ -73,10 +73,10 @@ def test_parameters_of_a_chirp(found: frequency.FrequencyFit) -> None:
     assert all(abs(value[name] - true) < 3.0 * sigma[name] for name, true in truth.items())
 
 
-def test_verification_on_sticks_that_were_not_fitted(found: frequency.FrequencyFit, tmp_path: Path) -> None:
-    good = verify(found, flown(tmp_path, STICKS, 5))
+def test_verification_on_sticks_that_were_not_fitted(fitted: frequency.FrequencyFit, tmp_path: Path) -> None:
+    good = verify(fitted, flown(tmp_path, STICKS, 5))
     assert good.theil < 0.3
-    wrong = found.at(found.values * np.where(np.array(found.names) == "gain", 3.0, 1.0))
+    wrong = fitted.at(fitted.values * np.where(np.array(fitted.names) == "gain", 3.0, 1.0))
     assert verify(wrong, flown(tmp_path, STICKS, 5)).theil > 2.0 * good.theil
 
 
@@ -88,11 +88,11 @@ def test_a_survey_holds_the_last_part_of_an_only_flight_out(tmp_path: Path) -> N
     assert checked.residuals is not None
 
 
-def test_errors_that_go_with_what_was_asked_are_seen(found: frequency.FrequencyFit, tmp_path: Path) -> None:
+def test_errors_that_go_with_what_was_asked_are_seen(fitted: frequency.FrequencyFit, tmp_path: Path) -> None:
     """Gusts come back through the controller: held against the command, errors of the right model would go with it."""
     log = flown(tmp_path, replace(STICKS, gust=1.0), 6)
-    strong = found.at(found.values * np.where(np.array(found.names) == "gain", 2.0, 1.0))
-    assert verify(found, log).correlation < UNRELATED < verify(strong, log).correlation
+    strong = fitted.at(fitted.values * np.where(np.array(fitted.names) == "gain", 2.0, 1.0))
+    assert verify(fitted, log).correlation < UNRELATED < verify(strong, log).correlation
 
 
 def test_a_fit_to_a_chirp_is_not_judged_by_the_chirp(chirped: FlightLog) -> None:
@@ -103,21 +103,21 @@ def test_a_fit_to_a_chirp_is_not_judged_by_the_chirp(chirped: FlightLog) -> None
 
 
 def test_ordinary_sticks_give_gain_and_delay(tmp_path: Path) -> None:
-    found = frequency.fit(frequency.response(flown(tmp_path, STICKS, 2, rate=50.0), "roll"))
-    assert found.parameters["gain"].value == pytest.approx(300.0, rel=0.10)
-    delay = found.parameters["effective_delay"]
+    fitted = frequency.fit(frequency.response(flown(tmp_path, STICKS, 2, rate=50.0), "roll"))
+    assert fitted.parameters["gain"].value == pytest.approx(300.0, rel=0.10)
+    delay = fitted.parameters["effective_delay"]
     assert delay.value == pytest.approx(PLANT.total_delay + PLANT.lag, abs=0.010)
 
 
 def test_a_flexible_mode_is_found_with_its_damping(tmp_path: Path) -> None:
     plant = replace(PLANT, flex_hz=18.0, flex_damping=0.04, flex_share=0.25, filter_hz=60.0)
     frf = frequency.response(flown(tmp_path, replace(CHIRP, gust=0.3), 3, plant, rate=400.0), "roll")
-    found = frequency.fit(frf)
-    assert found.parameters["mode_frequency"].value == pytest.approx(2.0 * np.pi * 18.0, rel=0.03)
-    assert found.parameters["mode_damping"].value == pytest.approx(0.04, rel=0.15)
-    poles = found.transfer_function().poles
+    fitted = frequency.fit(frf)
+    assert fitted.parameters["mode_frequency"].value == pytest.approx(2.0 * np.pi * 18.0, rel=0.03)
+    assert fitted.parameters["mode_damping"].value == pytest.approx(0.04, rel=0.15)
+    poles = fitted.transfer_function().poles
     assert np.min(np.abs(np.abs(poles) - 2.0 * np.pi * 18.0)) < 4.0
-    assert found.transfer_function().state_space[0].shape == (4, 4)
+    assert fitted.transfer_function().state_space[0].shape == (4, 4)
 
 
 @pytest.mark.parametrize("seed", [3, 6])
@@ -142,10 +142,10 @@ def test_the_moment_that_air_makes_with_speed_is_told_from_inertia() -> None:
         state = state + 0.01 * np.array([400.0 * u[k] - 2.0 * w - 22.0 * speed, w, 9.8 * tilt])
         rates[k] = state[0]
     data = Experiment.from_arrays(t, u, rates, input_names=["roll"], output_names=["w_x"])
-    found = frequency.fit(frequency.response([data], "roll"), band=(0.1, 8.0))
-    assert found.structure[0].name == "rate, speed"
-    assert found.parameters["gain"].value == pytest.approx(400.0, rel=0.05)
-    assert found.parameters["speed_moment"].value == pytest.approx(22.0 * 9.8, rel=0.1)
+    fitted = frequency.fit(frequency.response([data], "roll"), band=(0.1, 8.0))
+    assert fitted.structure[0].name == "rate, speed"
+    assert fitted.parameters["gain"].value == pytest.approx(400.0, rel=0.05)
+    assert fitted.parameters["speed_moment"].value == pytest.approx(22.0 * 9.8, rel=0.1)
 
 
 @pytest.mark.slow
@@ -173,8 +173,8 @@ def test_experiments_give_responses_too() -> None:
     rate = np.concatenate([[0.0], np.cumsum(200.0 * u)[:-1] * 0.01])
     data = Experiment.from_arrays(t, u, rate, input_names=["roll"], output_names=["w_x"])
     # Above 10 Hz a sum of samples is no integral any more.
-    found = frequency.fit(frequency.response([data], "roll"), band=(0.2, 10.0))
-    assert found.parameters["gain"].value == pytest.approx(200.0, rel=0.02)
+    fitted = frequency.fit(frequency.response([data], "roll"), band=(0.2, 10.0))
+    assert fitted.parameters["gain"].value == pytest.approx(200.0, rel=0.02)
 
 
 class TestBadInput:
@@ -196,11 +196,11 @@ class TestBadInput:
 
 def test_files_for_other_tools(chirped: FlightLog, tmp_path: Path) -> None:
     control = pytest.importorskip("control")
-    found = survey(chirped, ["roll"])
-    frf, fit = found.axes[0].response, found.axes[0].fit
+    surveyed = survey(chirped, ["roll"])
+    frf, fit = surveyed.axes[0].response, surveyed.axes[0].fit
     assert frf is not None
     assert fit is not None
-    write(found, tmp_path)
+    write(surveyed, tmp_path)
     table = pd.read_csv(tmp_path / "frequency_roll.csv", index_col="hz")
     np.testing.assert_allclose(table["real"] + 1j * table["imag"], frf.response)
     np.testing.assert_allclose(table["gain_db"], 20.0 * np.log10(np.abs(frf.response)))

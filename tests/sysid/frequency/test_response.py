@@ -78,7 +78,7 @@ def test_signals_in_single_precision_have_the_same_response() -> None:
         output=record.output.astype(np.float32),
         instruments=record.instruments.astype(np.float32),
     )
-    one, other = (response_of_records([each], AXES["roll"]) for each in (record, single))
+    one, other = (response_of_records([part], AXES["roll"]) for part in (record, single))
     good = one.usable
     assert np.max(np.abs(np.log(other.response / one.response))[good] / one.sigma[good]) < 0.01
 
@@ -87,7 +87,7 @@ def kicked(at: list[float], seed: int = 3) -> AxisRecord:
     """Make a record in which only short kicks, at these times [s], moved the axis, in wind all the while."""
     record = noise_driven(seed, noise=0.05)
     t = record.dt * np.arange(len(record.output))
-    x = np.sum([np.exp(-0.5 * ((t - each) / 0.15) ** 2) for each in at], axis=0)
+    x = np.sum([np.exp(-0.5 * ((t - moment) / 0.15) ** 2) for moment in at], axis=0)
     y = record.output - noise_driven(seed).output + lfilter([0.0, record.dt], [1.0, -1.0], x)
     return replace(record, inputs=x[:, None], instruments=x[:, None], output=y)
 
@@ -106,16 +106,16 @@ def test_a_parameter_that_no_frequency_shows_is_not_determined() -> None:
         record, output=np.roll(record.inputs[:, 0], 5) + 0.02 * np.random.default_rng(1).normal(size=len(record.output))
     )
     axis = replace(AXES["roll"], unit="rad/rad", attitude="")
-    found = fit(response_of_records([late], axis), "closed loop, first order")
-    assert found.parameters["corner"].value is None
-    assert found.parameters["gain"].value == pytest.approx(1.0, rel=0.05)
+    fitted = fit(response_of_records([late], axis), "closed loop, first order")
+    assert fitted.parameters["corner"].value is None
+    assert fitted.parameters["gain"].value == pytest.approx(1.0, rel=0.05)
 
 
 def test_a_yaw_that_follows_its_own_heading_has_no_bandwidth():
     """On a real flight the halves said 24 and 89 rad/s: the target of yaw was the heading while nobody turned."""
-    found = possible_bandwidth(Parameter(89.0, 8.6, "rad/s"), "yaw")
-    assert found.value is None
-    assert "follows the heading" in found.reason
+    bandwidth = possible_bandwidth(Parameter(89.0, 8.6, "rad/s"), "yaw")
+    assert bandwidth.value is None
+    assert "follows the heading" in bandwidth.reason
     assert possible_bandwidth(Parameter(8.0, 0.5, "rad/s"), "yaw").value == 8.0
     assert possible_bandwidth(Parameter(60.0, 3.0, "rad/s"), "roll").value == 60.0
 
@@ -135,8 +135,8 @@ class _Lag:
 
 def test_the_crossing_of_a_phase_is_where_the_closed_form_has_it():
     """At 5 rad/s the lag turns by 45 degrees and the delay by 90: pi/2 over 5 s."""
-    found = cast("FrequencyFit", _Lag(corner=5.0, delay=0.1 * np.pi))
-    assert crossing_of(found, -0.75 * np.pi) == pytest.approx(5.0, rel=1e-5)
+    lag = cast("FrequencyFit", _Lag(corner=5.0, delay=0.1 * np.pi))
+    assert crossing_of(lag, -0.75 * np.pi) == pytest.approx(5.0, rel=1e-5)
 
 
 def test_a_model_that_is_beyond_a_phase_from_the_start_never_passes_it():

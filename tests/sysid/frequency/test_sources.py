@@ -57,11 +57,11 @@ def test_motor_outputs_and_gyros_stand_for_the_rate_controller(tmp_path: Path, e
 def test_nothing_folds_and_what_is_below_passes() -> None:
     t, at = np.arange(4000) * 0.0025, np.arange(20, 80) * 0.1
     signals = np.column_stack([np.sin(2.0 * np.pi * 3.0 * t), np.sin(2.0 * np.pi * 8.7 * t)])
-    found = below(t, signals, at, 0.1)
-    known = np.isfinite(found).all(axis=1)
+    chirps = below(t, signals, at, 0.1)
+    known = np.isfinite(chirps).all(axis=1)
     assert known.sum() > 40
-    assert found[known, 0] == pytest.approx(np.sin(2.0 * np.pi * 3.0 * at[known]), abs=0.01)
-    assert np.max(np.abs(found[known, 1])) < 0.01
+    assert chirps[known, 0] == pytest.approx(np.sin(2.0 * np.pi * 3.0 * at[known]), abs=0.01)
+    assert np.max(np.abs(chirps[known, 1])) < 0.01
 
 
 def test_motors_with_one_whole_reading_are_no_pair() -> None:
@@ -97,11 +97,11 @@ def flown_rounded(seed: int = 1) -> tuple[RateSignals, FlightLog, pd.DataFrame]:
 
 def test_ten_rows_a_second_of_motors_tell_what_was_cut_off_every_output() -> None:
     signals, log, got = flown_rounded()
-    found = as_motors_got(log, signals)
+    records = as_motors_got(log, signals)
     for name, column in OUTPUTS.items():
         cut = np.std(got[name] - signals.columns[column])
         # What is cut off all motors alike is partly taken for the air, which shifts where the others are cut.
-        assert np.std(got[name] - found.columns[column]) < 0.6 * cut, name
+        assert np.std(got[name] - records.columns[column]) < 0.6 * cut, name
 
 
 @pytest.mark.parametrize("spoiled", ["other motors", "a late log", "finer outputs"])
@@ -157,10 +157,10 @@ def _flown(folder: Path, *, stick: float, seed: int = 1, seconds: float = 90.0) 
 
 def test_throttle_and_accelerometer_tell_the_thrust_per_throttle(tmp_path: Path) -> None:
     frf = frequency.response(_flown(tmp_path, stick=0.1), "vertical")
-    found = frequency.fit(frf).parameters
+    parameters = frequency.fit(frf).parameters
     assert frf.instrument == "pilot's throttle"
-    assert found["gain"].value == pytest.approx(GAIN, rel=0.05)
-    late = found["effective_delay"]
+    assert parameters["gain"].value == pytest.approx(GAIN, rel=0.05)
+    late = parameters["effective_delay"]
     assert late.value == pytest.approx(LAG, abs=0.02)
 
 
@@ -190,11 +190,11 @@ def test_the_thrust_of_another_autopilot_is_a_throttle_as_well(tmp_path: Path, m
     log = _flown(tmp_path, stick=0.1)
     rows = log.messages["CTUN"]["ThrOut"] / 1e3
     columns = {"rates": ("out_thrust", rows), "setpoints": ("v_d_ref", 2.0 * (0.5 - rows))}
-    told = {
+    remarks = {
         name: pd.DataFrame({column: values}).reindex(columns=list(COLUMNS[name]))
         for name, (column, values) in columns.items()
     }
-    monkeypatch.setattr(FlightLog, "tables", replace(log.tables, **told))
+    monkeypatch.setattr(FlightLog, "tables", replace(log.tables, **remarks))
     log.messages.replace("CTUN", rows.iloc[:0].to_frame())
     frf = frequency.response(log, "vertical")
     assert frf.instrument == "height target"
@@ -231,24 +231,24 @@ def turned(folder: Path, degrees: float, seeds: tuple[int, int], *, chirps: bool
 
 
 def test_sticks_on_both_axes_show_what_roll_does_to_pitch(tmp_path: Path) -> None:
-    found = survey(turned(tmp_path, 15.0, (1, 2), chirps=False), ("roll", "pitch"))
+    surveyed = survey(turned(tmp_path, 15.0, (1, 2), chirps=False), ("roll", "pitch"))
     c, s = np.cos(np.radians(15.0)), np.sin(np.radians(15.0))
     across = (ROLL.gain - PITCH.gain) * s * c
     truth = {
         "roll": across / (ROLL.gain * c**2 + PITCH.gain * s**2),
         "pitch": across / (ROLL.gain * s**2 + PITCH.gain * c**2),
     }
-    assert {each.axis for each in found.couplings} == {"roll", "pitch"}
-    for each in found.couplings:
-        assert each.significant
-        assert each.ratio.value == pytest.approx(truth[each.axis], abs=max(3.0 * each.ratio.sigma, 0.01))
-        assert each.ratio.sigma < 0.02
+    assert {coupling.axis for coupling in surveyed.couplings} == {"roll", "pitch"}
+    for coupling in surveyed.couplings:
+        assert coupling.significant
+        assert coupling.ratio.value == pytest.approx(truth[coupling.axis], abs=max(3.0 * coupling.ratio.sigma, 0.01))
+        assert coupling.ratio.sigma < 0.02
 
 
 @pytest.mark.parametrize("chirps", [False, True], ids=["sticks", "chirps"])
 def test_axes_that_do_not_couple_are_said_not_to(tmp_path: Path, chirps: bool) -> None:
-    found = survey(turned(tmp_path, 0.0, (3, 4), chirps=chirps), ("roll", "pitch"))
-    assert len(found.couplings) == 2
-    for each in found.couplings:
-        assert not each.significant
-        assert each.ratio.sigma < 0.03
+    surveyed = survey(turned(tmp_path, 0.0, (3, 4), chirps=chirps), ("roll", "pitch"))
+    assert len(surveyed.couplings) == 2
+    for coupling in surveyed.couplings:
+        assert not coupling.significant
+        assert coupling.ratio.sigma < 0.03

@@ -43,7 +43,7 @@ def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
 
 
 @pytest.mark.parametrize(
-    ("claimed", "told"),
+    ("claimed", "sentence"),
     [
         ({"P": 0.085}, "P as logged is 0.94 times"),
         ({"I": 0.11}, "I as logged is 0.73 times"),
@@ -55,14 +55,14 @@ def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
         ({"angle_P": 6.0}, "wanted as logged is 0.7"),
     ],
 )
-def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
+def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed, sentence):
     reason = contradiction(_log(tmp_path, flight, replace(GAINS, **claimed)))
-    assert told in reason
+    assert sentence in reason
     assert "not what flew" in reason
 
 
 @pytest.mark.parametrize(
-    ("claimed", "told"),
+    ("claimed", "sentence"),
     [
         ({"INS_GYRO_FILTER": 20.0}, "answers as with INS_GYRO_FILTER 4"),
         ({"INS_GYRO_FILTER": 80.0}, "answers as with INS_GYRO_FILTER 4"),
@@ -70,10 +70,10 @@ def test_gains_and_filters_that_did_not_fly_are_named(tmp_path, flight, claimed,
         ({"SCHED_LOOP_RATE": 50.0}, "faster than the loop"),
     ],
 )
-def test_a_gyro_filter_a_notch_and_a_loop_that_did_not_fly_are_named(tmp_path, flight, claimed, told):
+def test_a_gyro_filter_a_notch_and_a_loop_that_did_not_fly_are_named(tmp_path, flight, claimed, sentence):
     """Nothing of the PID tells of the gyro's filters: SIDD has the rates before them."""
     log = _log(tmp_path, flight, **claimed)
-    assert told in contradiction(log)
+    assert sentence in contradiction(log)
 
 
 def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_path, flight):
@@ -88,23 +88,23 @@ def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_pat
 def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, flight, claimed):
     """`tune` refused such logs while the report showed their margins as good; designs leaned on them too."""
     lies = _log(tmp_path, flight, **claimed)
-    found = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
-    assert found.axes[0].loop is None
-    assert "not what flew" in found.axes[0].loop_reason
-    assert [each.id for each in found.findings].count("parameters-not-flown") == 1
+    rotation = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
+    assert rotation.axes[0].loop is None
+    assert "not what flew" in rotation.axes[0].loop_reason
+    assert [finding.id for finding in rotation.findings].count("parameters-not-flown") == 1
     assert "not what flew" in design(lies, "inertia").refused
     true = _log(tmp_path, flight)
     assert find_rotation(true, Span(true.flight.start, true.flight.stop)).axes[0].loop is not None
 
 
-@pytest.mark.parametrize(("claimed", "told"), [(0.08, None), (0.1, "P as logged is 0.80 times")])
-def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, told):
+@pytest.mark.parametrize(("claimed", "sentence"), [(0.08, None), (0.1, "P as logged is 0.80 times")])
+def test_a_flight_without_chirps_tells_the_gain_of_its_error(tmp_path, claimed, sentence):
     """P is the error times a number whatever is flown; margins from sticks rest on it too."""
     sticks = run_axis(CRAFT, GAINS, Shaking(duration=30.0, stick=0.15), 1)
     log = _log(tmp_path, sticks, replace(GAINS, P=claimed))
     log.messages["PIDR"]["Err"] = log.messages["PIDR"]["Tar"] - log.messages["PIDR"]["Act"]
     reason = contradiction_of(log, "roll")
-    assert reason is None if told is None else told in reason
+    assert reason is None if sentence is None else sentence in reason
 
 
 def test_the_scheduler_tells_the_rate_at_which_it_ran():

@@ -75,9 +75,9 @@ def test_errors_are_those_predicted():
     gains, delays = [], []
     for seed in range(10):
         flown = flown_loop(CRAFT, GAINS, 50 + seed, magnitude=chirp.magnitude, **shape)
-        found = fit(flown.frf).parameters
-        gains.append(found["gain"].value / CRAFT.gain - 1.0)
-        delays.append(found["effective_delay"].value - delay)
+        parameters = fit(flown.frf).parameters
+        gains.append(parameters["gain"].value / CRAFT.gain - 1.0)
+        delays.append(parameters["effective_delay"].value - delay)
     for errors, name in ((gains, "gain"), (delays, "effective_delay")):
         predicted = chirp.error_of(name)
         assert 0.5 < np.std(errors, ddof=1) / predicted.random < 1.8
@@ -131,9 +131,9 @@ def test_files_for_a_firmware_craft(log, purpose):
 @pytest.mark.slow
 def test_a_designed_chirp_switches_no_message_off(log):
     """Of a log without the parameter a mask of 4097 was written, which logs neither GPS nor IMU nor outputs."""
-    told = copy(log)
-    vars(told)["parameters"] = {name: value for name, value in log.parameters.items() if name != "LOG_BITMASK"}
-    text = next(iter(design(told, "rates").files.values()))
+    flight_log = copy(log)
+    vars(flight_log)["parameters"] = {name: value for name, value in log.parameters.items() if name != "LOG_BITMASK"}
+    text = next(iter(design(flight_log, "rates").files.values()))
     assert "LOG_BITMASK" not in read_parameter_file(text)
     assert "Add bit 0 (ATTITUDE_FAST), bit 12 (PID) to LOG_BITMASK, keeping what is set" in text
 
@@ -164,7 +164,7 @@ def run(tmp_path, sines):
         command = [LUA, str(BINDINGS), str(script), str(seconds), str(lean_at)]
         done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
         lines = done.stdout.splitlines()
-        rows = [[float(each) for each in line.split()] for line in lines if not line.startswith("#")]
+        rows = [[float(word) for word in line.split()] for line in lines if not line.startswith("#")]
         return np.array(rows), [line[2:] for line in lines if line.startswith("#")]
 
     return fly

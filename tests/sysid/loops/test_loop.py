@@ -160,7 +160,7 @@ def _set_parameter(log: bytes, name: str, value: float, seconds: float) -> bytes
     codes = {"Q": "Q", "N": "16s", "f": "f"}
     values = {"Q": int(1e6 * seconds), "N": name.encode()}
     fields = [values.pop(letter, None) or value for letter in letters]
-    row = b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(codes[each] for each in letters), *fields)
+    row = b"\xa3\x95" + bytes([number]) + struct.pack("<" + "".join(codes[letter] for letter in letters), *fields)
     assert len(row) == length
     mark = b"\xa3\x95" + bytes([_definition(log, b"RATE")[0]])
     at = log.find(mark)

@@ -129,7 +129,7 @@ def test_numbers_of_a_step_are_those_of_its_closed_form(ratio):
     hz, omega = np.geomspace(0.1, 40.0, 600), 4.0 * np.pi
     s = 2j * np.pi * hz
     transfer = omega**2 / (s**2 + 2.0 * ratio * omega * s + omega**2)
-    rise, overshoot, settling = (float(each[0]) for each in step_numbers(hz, transfer[None]))
+    rise, overshoot, settling = (float(number[0]) for number in step_numbers(hz, transfer[None]))
     t, y = signal.step(signal.lti([omega**2], [1.0, 2.0 * ratio * omega, omega**2]), T=np.linspace(0.0, 5.0, 20001))
     known = 100.0 * np.exp(-np.pi * ratio / np.sqrt(1.0 - ratio**2)) if ratio < 1.0 else 0.0
     assert overshoot == pytest.approx(known, abs=0.5)

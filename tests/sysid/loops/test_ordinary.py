@@ -91,9 +91,9 @@ def test_thin_gains_of_an_ordinary_flight_are_lowered(flown):
 
 def test_gains_on_the_edge_ask_for_lower_ones_and_for_no_chirp(unpacked):
     """One doublet at 1.574 times the gains of a craft that oscillates at 1.613 times: 0.2 dB are left."""
-    told = tune(read_log(unpacked("autopilot/critical_hexa3_below"))).refused
-    assert told is not None
-    assert "0.3 dB: lower P, I and D of this axis by a quarter" in told
+    refusal = tune(read_log(unpacked("autopilot/critical_hexa3_below"))).refused
+    assert refusal is not None
+    assert "0.3 dB: lower P, I and D of this axis by a quarter" in refusal
 
 
 def test_autotune_shows_the_craft(unpacked):
@@ -127,15 +127,15 @@ def test_intervals_from_sticks_hold_the_truth():
 
 def test_what_cannot_carry_margins_is_a_sentence():
     frf = sticks(CRAFT, GAINS, 2)
-    found, settings = fit(frf), settings_of(CRAFT, GAINS)
+    fitted, settings = fit(frf), settings_of(CRAFT, GAINS)
     with pytest.raises(LoopError, match="instrument"):
-        ordinary_loop("x", replace(frf, method="direct"), found, settings)
+        ordinary_loop("x", replace(frf, method="direct"), fitted, settings)
     with pytest.raises(LoopError, match="folds"):
-        ordinary_loop("x", replace(frf, step=0.1), found, settings)
+        ordinary_loop("x", replace(frf, step=0.1), fitted, settings)
     with pytest.raises(LoopError, match="only"):
-        ordinary_loop("x", replace(frf, coherence=np.where(frf.hz < 2.0, frf.coherence, 0.0)), found, settings)
+        ordinary_loop("x", replace(frf, coherence=np.where(frf.hz < 2.0, frf.coherence, 0.0)), fitted, settings)
     with pytest.raises(LoopError, match="unstable"):
-        ordinary_loop("x", frf, found, settings_of(CRAFT, replace(GAINS, P=0.9, D=0.025)))
+        ordinary_loop("x", frf, fitted, settings_of(CRAFT, replace(GAINS, P=0.9, D=0.025)))
     with pytest.raises(LoopError, match="crossover"):
         # Most of the delay is taken away, so that only the crossover is out of reach.
-        ordinary_loop("x", frf.between(0.1, 3.2), found, settings_of(CRAFT, replace(GAINS, P=0.4, I=0.0, D=0.0)))
+        ordinary_loop("x", frf.between(0.1, 3.2), fitted, settings_of(CRAFT, replace(GAINS, P=0.4, I=0.0, D=0.0)))

@@ -45,9 +45,9 @@ def test_responses_are_those_of_the_recursion(which):
     # What the integral keeps goes on for ever: a geometric series.
     step = integral[-1]
     tail = step * np.exp(-2j * np.pi * hz * (n - 1) / 800.0) / (1.0 - np.exp(-2j * np.pi * hz / 800.0))
-    found = turning @ total + tail
+    torque = turning @ total + tail
     wanted = CONTROLLER.target_response(hz) if which == "target" else -CONTROLLER.error_response(hz)
-    np.testing.assert_allclose(found, wanted, rtol=1e-6)
+    np.testing.assert_allclose(torque, wanted, rtol=1e-6)
 
 
 def test_the_derivative_answers_the_rate_and_not_the_target():
@@ -115,9 +115,9 @@ def test_torques_that_a_real_flight_logged_are_those_of_the_controller(log, axis
     error = target[latest] - rates[f"xyz[{k}]"].to_numpy()[rows]
     terms = np.column_stack([error, -rates[f"xyz_derivative[{k}]"].to_numpy()[rows], integral])[kept]
     torque = torques[f"xyz[{k}]"].to_numpy()[kept]
-    found = np.linalg.lstsq(terms, torque, rcond=None)[0]
+    gains = np.linalg.lstsq(terms, torque, rcond=None)[0]
     controller = read_settings(log, axis).controller
     assert kept.sum() > 100
-    assert found[0] == pytest.approx(controller.P, rel=0.12)  # what is left of the target's movement lowers it
-    assert found[1:] == pytest.approx([controller.D, 1.0], rel=0.05)
+    assert gains[0] == pytest.approx(controller.P, rel=0.12)  # what is left of the target's movement lowers it
+    assert gains[1:] == pytest.approx([controller.D, 1.0], rel=0.05)
     assert np.corrcoef(terms @ [controller.P, controller.D, 1.0], torque)[0, 1] > 0.95

@@ -250,13 +250,13 @@ def test_a_battery_that_sinks_during_a_chirp_is_refused_unless_the_autopilot_mak
     t = np.linspace(chirp.start, chirp.stop, 200)
     battery = pd.DataFrame({"voltage": np.linspace(16.0, 15.0, 200)}, index=t)
     tables = SimpleNamespace(battery=battery, systemid=log.tables.systemid)
-    for highest, told in ((0.0, "fell by 4 %"), (16.8, "")):
+    for highest, sentence in ((0.0, "fell by 4 %"), (16.8, "")):
         vehicle = SimpleNamespace(battery_voltage_max=highest)
         sinking = SimpleNamespace(
             tables=tables, vehicle=vehicle, path=log.path, messages=log.messages, of_one_flight=False, parameters={}
         )
-        assert told in (sagged(sinking, "roll") or "")
-        assert (sagged(sinking, "roll") is None) == (told == "")
+        assert sentence in (sagged(sinking, "roll") or "")
+        assert (sagged(sinking, "roll") is None) == (sentence == "")
 
 
 def test_nothing_is_raised_beyond_a_low_chirp_where_a_mode_would_count():

@@ -69,15 +69,15 @@ def truth(craft: Multirotor, model: SixDofModel) -> dict[str, float]:
 def stated(model: SixDofModel, craft: Multirotor, name: str) -> Iterator[Stated]:
     """Yield what a model states of a craft; parameters of one kind, such as the motors' lags, under one name."""
     expected, method = truth(craft, model), f"six degrees of freedom, {model.kinds.quantity}"
-    for each in model.parameters.values():
-        if each.value is not None and each.sigma is not None and each.name in expected:
-            kind = each.name.partition("_m")[0] if each.name[-1].isdigit() else each.name
-            yield Stated(name, method, kind, each.value, each.sigma, expected[each.name])
+    for parameter in model.parameters.values():
+        if parameter.value is not None and parameter.sigma is not None and parameter.name in expected:
+            kind = parameter.name.partition("_m")[0] if parameter.name[-1].isdigit() else parameter.name
+            yield Stated(name, method, kind, parameter.value, parameter.sigma, expected[parameter.name])
     for k, axis in enumerate("xyz"):
         weights = {f"drag_rotor_{axis}": 1.0, f"drag_quadratic_{axis}": DRAG_SPEED}
-        at = [model.estimated.index(each) for each in weights]
+        at = [model.estimated.index(weight) for weight in weights]
         slope = np.array(list(weights.values()))
         sigma = float(np.sqrt(slope @ model.covariance[np.ix_(at, at)] @ slope))
-        whole = sum(factor * model.value(each) for each, factor in weights.items())
+        whole = sum(factor * model.value(weight) for weight, factor in weights.items())
         drag = (craft.drag_linear[k] + DRAG_SPEED * 0.5 * AIR * craft.drag_area[k]) / craft.mass
         yield Stated(name, method, f"drag at {DRAG_SPEED:g} m/s over speed, {axis}", whole, sigma, drag)

@@ -36,8 +36,8 @@ def test_errors_at_random_gain_nothing_and_those_by_a_feature_do():
     table = [np.column_stack([rng.standard_normal((30, 39)), np.ones(30)]) for _ in range(4)]
     noise = [rng.standard_normal((30, 5, 4, 3)) for _ in range(4)]
     assert max(learning.gains_of_order(table, noise, (0, 1, 2, 3), 1e-3)) < 0.0
-    told = [goal + 20.0 * x[:, 0, None, None, None] for goal, x in zip(noise, table, strict=True)]
-    assert min(learning.gains_of_order(table, told, (0, 1, 2, 3), 1e-3)) > 50.0
+    answers = [goal + 20.0 * x[:, 0, None, None, None] for goal, x in zip(noise, table, strict=True)]
+    assert min(learning.gains_of_order(table, answers, (0, 1, 2, 3), 1e-3)) > 50.0
 
 
 def test_a_force_that_the_model_lacks_is_learned_and_held_out_flights_gain(flights, fitted):
@@ -55,9 +55,9 @@ def test_thrust_that_fades_is_found_where_no_voltage_is_logged():
     flights = [flown.fly(40.0, seed, shake=5.0) for seed in range(11, 15)]
     records = [flown.commanded(flight, f"flight {k}", k, drift) for k, flight in enumerate(flights)]
     model = fit_six_dof(records[:3], indoors=True, most_runs=600, horizons=(0.2, 0.5, 1.0), attitude="measured")
-    found = model.parameters["thrust_drift"]
-    assert found.value == pytest.approx(drift, abs=3.0 * found.sigma)
-    assert found.sigma < 1e-4
+    parameter = model.parameters["thrust_drift"]
+    assert parameter.value == pytest.approx(drift, abs=3.0 * parameter.sigma)
+    assert parameter.sigma < 1e-4
     slope = np.polyfit(model.record(records[3]).t[1:], model.missed(model.record(records[3]))[1:, 2], 1)[0]
     assert abs(slope) < 1.5e-3  # 0.01 without the drift
 
@@ -103,8 +103,8 @@ def test_how_full_a_battery_is_is_remembered_as_on_records_that_were_not_fitted(
     assert watching.observer.lift_memory > 0.0
     wind = (4.0, 0.0)
     unseen = flown.commanded(flown.fly(20.0, 43, wind=wind), "unseen", 43, charge=1.08)
-    both = (each.with_wind({"unseen": np.array(wind)}) for each in (model, watching))
-    plain, held = (each.predict(unseen, 1.0)[400:, 2] for each in both)
+    both = (body.with_wind({"unseen": np.array(wind)}) for body in (model, watching))
+    plain, held = (body.predict(unseen, 1.0)[400:, 2] for body in both)
     truth = unseen.y[400:, 2]
     assert np.abs(held - truth).mean() < 0.4 * np.abs(plain - truth).mean()
     # One record cannot show how another differs: what is known of batteries does.
@@ -118,8 +118,8 @@ def test_the_rest_of_a_flight_has_the_wind_and_the_battery_of_its_first_part():
     first, rest = flight.split(0.7)
     model = fit_six_dof(first, most_runs=200, horizons=(0.3, 0.8), attitude="measured")
     errors = {
-        name: (each.predict(rest, 1.0) - rest.y)[150:].mean(axis=0)
-        for name, each in (("alone", model), ("rest", model.with_rest(first, rest)))
+        name: (body.predict(rest, 1.0) - rest.y)[150:].mean(axis=0)
+        for name, body in (("alone", model), ("rest", model.with_rest(first, rest)))
     }
     assert abs(errors["alone"][0]) > 0.3
     assert np.abs(errors["rest"]).max() < 0.05

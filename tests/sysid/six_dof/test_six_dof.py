@@ -66,15 +66,15 @@ def test_parameters_are_those_of_the_craft(fitted):
     """
     model, _, _ = fitted
     for name, value in truth(model).items():
-        each = model.parameters[name]
-        assert each.determined, (name, each.reason)
-        assert abs(each.value - value) < 3.0 * each.sigma, (name, each.value, value, each.sigma)
+        parameter = model.parameters[name]
+        assert parameter.determined, (name, parameter.reason)
+        assert abs(parameter.value - value) < 3.0 * parameter.sigma, (name, parameter.value, value, parameter.sigma)
         if not name.startswith("drag"):
             part = 0.05 if name.startswith(("inertia", "gyroscopic")) else 0.03
-            assert abs(each.value - value) < part * abs(value) + 3e-4, (name, each.value, value)
+            assert abs(parameter.value - value) < part * abs(value) + 3e-4, (name, parameter.value, value)
     for axis, linear, square in zip("xy", flown.ROTOR_DRAG, flown.QUADRATIC, strict=False):
-        found = model.value(f"drag_rotor_{axis}") + 2.5 * model.value(f"drag_quadratic_{axis}")
-        assert found == pytest.approx(linear * model.shape.reference_speed / flown.HOVER + 2.5 * square, rel=0.03)
+        drag = model.value(f"drag_rotor_{axis}") + 2.5 * model.value(f"drag_quadratic_{axis}")
+        assert drag == pytest.approx(linear * model.shape.reference_speed / flown.HOVER + 2.5 * square, rel=0.03)
     thrust = model.parameters["thrust"]
     assert (thrust.si_value, thrust.si_unit) == (pytest.approx(flown.THRUST, rel=0.01), "N s^2")
 
@@ -118,23 +118,23 @@ def test_flies_with_other_inputs_and_with_a_controller(fitted):
 
     states, given = model.fly(start, level)
     open_loop, _ = model.fly(start, lambda t, state, inputs: np.full(4, flown.HOVER))
-    lean = [np.arccos(each[-1, 14]) for each in (states, open_loop)]
+    lean = [np.arccos(flown_states[-1, 14]) for flown_states in (states, open_loop)]
     assert lean[0] < 0.02 < 0.1 * lean[1], lean
 
 
 @pytest.mark.slow
 def test_validation_judges_every_state_by_horizon(fitted):
     model, _, unseen = fitted
-    found = validate_states(model, unseen)
-    rows = found.table.round({"horizon": 3}).set_index(["state", "horizon"])
+    validated = validate_states(model, unseen)
+    rows = validated.table.round({"horizon": 3}).set_index(["state", "horizon"])
     assert set(rows.index.get_level_values("state")) == {"position", "velocity", "attitude", "rates"}
     assert set(rows.index.get_level_values("horizon")) == {0.1, 0.25, 0.5, 1.0, 2.0}
     record = model.record(unseen)
     errors = state_errors(model.predict_states(unseen, 0.5), record.states)[50:]
     rms = np.sqrt((errors[:, 6:9] ** 2).sum(axis=1).mean())
     assert rows.loc[("attitude", 0.5), "model"] == pytest.approx(rms, rel=0.1)  # starts to 2 s before the end only
-    assert [verdict.state for verdict in found.verdicts] == ["position", "velocity", "attitude", "rates"]
-    assert all(verdict.useful for verdict in found.verdicts)
+    assert [verdict.state for verdict in validated.verdicts] == ["position", "velocity", "attitude", "rates"]
+    assert all(verdict.useful for verdict in validated.verdicts)
 
 
 @pytest.mark.parametrize(("lag", "delay"), [(0.0, 1.3), (0.6, -2.5), (3.0, 1.3), (10.0, 0.0)])
@@ -145,10 +145,10 @@ def test_drives_are_means_over_the_interval_of_what_the_lag_makes_of_the_input(l
     """
     omega = 0.15
     values = np.sin(omega * np.arange(600.0))
-    found = kernels.shifted_and_lagged(values, delay - 0.5, lag)
+    shifts = kernels.shifted_and_lagged(values, delay - 0.5, lag)
     answer = np.exp(1j * omega * (np.arange(600.0) + 0.5 - delay)) / (1.0 + 1j * omega * lag)
     expected = (answer * np.sinc(omega / 2.0 / np.pi)).imag
-    assert np.abs(found - expected)[200:-20].max() < 2e-3
+    assert np.abs(shifts - expected)[200:-20].max() < 2e-3
 
 
 @pytest.mark.slow
@@ -216,8 +216,8 @@ def test_no_negative_delay_is_stated(unit, internal, name, stated, refused):
     kinds = InputKinds(
         motors=(0,), geometry=flown.MOTORS[:1], mixer=(), further=(), quantity=BodyQuantity(unit), names=("m1",)
     )
-    found, value, reason = timing_of("delay_m1", internal, 0.001, kinds, 0.01)
-    assert (found, bool(reason)) == (name, refused)
+    quantity, value, reason = timing_of("delay_m1", internal, 0.001, kinds, 0.01)
+    assert (quantity, bool(reason)) == (name, refused)
     assert value == pytest.approx(stated)
 
 
@@ -231,8 +231,8 @@ def ahead(model, record, horizon=1.0):
     starts = np.arange(100, len(body.t) - steps, 10)
     truth = body.states[starts + steps]
     predicted = model.ahead(body, starts, np.array([steps]))[:, 0]
-    errors = [state_errors(each, truth).reshape(-1, 4, 3) for each in (predicted, body.states[starts])]
-    return [np.sqrt((each**2).sum(axis=2).mean(axis=0)) for each in errors]
+    errors = [state_errors(estimated, truth).reshape(-1, 4, 3) for estimated in (predicted, body.states[starts])]
+    return [np.sqrt((error**2).sum(axis=2).mean(axis=0)) for error in errors]
 
 
 @pytest.mark.whole
@@ -265,16 +265,16 @@ def known(**values):
 
 
 def test_drag_that_pushes_is_not_determined_nor_what_leans_on_it():
-    found = refuse_impossible(
+    refusal = refuse_impossible(
         known(drag_rotor_x=(-0.23, 0.05), drag_quadratic_x=(0.09, 0.01), drag_rotor_y=(0.3, 0.05), thrust=(9.8, 0.1))
     )
-    assert not found["drag_rotor_x"].determined
-    assert "-0.23 ± 0.05" in found["drag_rotor_x"].reason
-    assert (found["drag_rotor_x"].value, found["drag_rotor_x"].si_value) == (None, None)
-    assert found["drag_rotor_x"].used == -0.23  # what the model flies with
-    assert not found["drag_quadratic_x"].determined
-    assert found["drag_rotor_y"].determined
-    assert found["thrust"].determined
+    assert not refusal["drag_rotor_x"].determined
+    assert "-0.23 ± 0.05" in refusal["drag_rotor_x"].reason
+    assert (refusal["drag_rotor_x"].value, refusal["drag_rotor_x"].si_value) == (None, None)
+    assert refusal["drag_rotor_x"].used == -0.23  # what the model flies with
+    assert not refusal["drag_quadratic_x"].determined
+    assert refusal["drag_rotor_y"].determined
+    assert refusal["thrust"].determined
 
 
 def test_drag_about_zero_stays():
@@ -289,11 +289,11 @@ def test_a_gain_below_zero_by_chance_is_no_wrong_turn(value, severity):
         f"{axis}_gain": BodyParameter(f"{axis}_gain", "rad/s^2", None, None, False, "unsure", used)
         for axis, used in (("roll", 80.0), ("pitch", value), ("yaw", 10.0))
     }
-    found = wrong_turns(gains, dict.fromkeys(gains, 4.6))
-    assert [(each.id, str(each.severity)) for each in found] == ([("motor-order", severity)] if severity else [])
+    turns = wrong_turns(gains, dict.fromkeys(gains, 4.6))
+    assert [(turn.id, str(turn.severity)) for turn in turns] == ([("motor-order", severity)] if severity else [])
 
 
 def test_a_gain_below_zero_that_is_determined_is_an_error():
     gains = known(roll_gain=(80.0, 2.0), pitch_gain=(-90.0, 2.0), yaw_gain=(10.0, 1.0))
-    [found] = wrong_turns(gains, dict.fromkeys(gains, 2.0))
-    assert (str(found.severity), dict(found.evidence)) == ("error", {"pitch": -90.0})
+    [turn] = wrong_turns(gains, dict.fromkeys(gains, 2.0))
+    assert (str(turn.severity), dict(turn.evidence)) == ("error", {"pitch": -90.0})
