@@ -35,7 +35,7 @@ TIMES = (
 def fitted():
     records = [flown.experiment(flown.fly(24.0, seed), f"flight {seed}", seed, delays=LATE) for seed in (1, 2)]
     unseen = flown.experiment(flown.fly(20.0, 3), "unseen", 3, delays=LATE)
-    return fit_six_dof(records, mass=flown.MASS, indoors=True, most_runs=500), records, unseen
+    return fit_six_dof(records, mass=flown.MASS, indoors=True, most_runs=200), records, unseen
 
 
 def truth(model):
@@ -155,8 +155,8 @@ def test_drives_are_means_over_the_interval_of_what_the_lag_makes_of_the_input(l
 def test_pwm_turns_the_craft_by_torque_and_by_the_rotors_own_acceleration():
     """Without the rotors' momentum yaw would be off by a half and more, and the ratios of inertia with it."""
     craft = quadcopter()
-    record = papers.measured(craft, 1, BodyQuantity.PWM, seconds=40.0)
-    model = fit_six_dof(record, mass=craft.mass, indoors=True, most_runs=400)
+    record = papers.measured(craft, 1, BodyQuantity.PWM, seconds=30.0)
+    model = fit_six_dof(record, mass=craft.mass, indoors=True, most_runs=200)
     for name, value in papers.truth(craft, model).items():
         if name.endswith("gain") or name.startswith(("thrust_expo", "share", "lag")):
             assert model.parameters[name].value == pytest.approx(value, rel=0.015), name
