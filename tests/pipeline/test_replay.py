@@ -148,21 +148,19 @@ def test_files_that_hold_no_models_are_told_apart(tmp_path, content):
         load_models(path)
 
 
-def test_a_damaged_model_is_a_sentence(models, table, tmp_path):
+@pytest.mark.parametrize("covariance", [None, [[1.0], [1.0, 2.0]], [[1.0]]])
+def test_a_model_that_lacks_a_field_or_whose_numbers_do_not_fit_together_is_a_sentence(
+    models, table, tmp_path, covariance
+):
     content = json.loads(models.read_text())
-    del content["flights"][0]["models"]["motors"]["hold"]
+    model = content["flights"][0]["models"]["motors"]
+    if covariance is None:
+        del model["hold"]
+    else:
+        for row in model["transfer_functions"].values():
+            row["m1"]["covariance"] = covariance
     (tmp_path / "models.json").write_text(json.dumps(content))
-    with pytest.raises(RotoridError, match="missing required field `hold`"):
-        replay(tmp_path / "models.json", table)
-
-
-@pytest.mark.parametrize("covariance", [[[1.0], [1.0, 2.0]], [[1.0]]])
-def test_a_model_whose_numbers_do_not_fit_together_is_a_sentence(models, table, tmp_path, covariance):
-    content = json.loads(models.read_text())
-    for row in content["flights"][0]["models"]["motors"]["transfer_functions"].values():
-        row["m1"]["covariance"] = covariance
-    (tmp_path / "models.json").write_text(json.dumps(content))
-    with pytest.raises(RotoridError, match="do not fit together"):
+    with pytest.raises(RotoridError, match="do not fit together" if covariance else "missing required field `hold`"):
         replay(tmp_path / "models.json", table)
 
 

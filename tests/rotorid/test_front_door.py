@@ -188,10 +188,17 @@ def test_what_asks_for_logs_takes_their_paths(log, chirps):
     assert ro.prove(str(LOG), [str(LOG)]).before == (log.name,)
 
 
-@pytest.mark.parametrize("given", [3.0, None, [None], {"a": 1}])
-def test_what_is_no_log_is_named(given):
-    with pytest.raises(RotoridError, match="log"):
-        ro.tune(given)
+@pytest.mark.parametrize(
+    ("function", "error", "wrong"),
+    [
+        (ro.tune, RotoridError, [3.0, None, [None], {"a": 1}]),
+        (ro.analyze, ConfigError, [3, [], [ROOT / "nothing.bin"], str(ROOT / "nothing.bin"), [None]]),
+    ],
+)
+def test_what_is_no_log_is_named(function, error, wrong):
+    for given in wrong:
+        with pytest.raises(error, match="log"):
+            function(given)
 
 
 def test_bode_lays_a_fit_over_what_was_measured(chirps):
@@ -204,12 +211,6 @@ def test_one_function_of_several_is_asked_for_by_output_and_input(halves):
     tf = ro.fit.transfer_functions(halves[0].resample(10.0), poles=2, zeros=1)
     with pytest.raises(KeyError, match=r"\['x', 'm1'\]"):
         _ = tf["z"]
-
-
-@pytest.mark.parametrize("given", [3, [], [ROOT / "nothing.bin"], str(ROOT / "nothing.bin"), [None]])
-def test_an_analysis_of_no_log_says_so(given):
-    with pytest.raises(ConfigError, match="log"):
-        ro.analyze(given)
 
 
 def test_the_second_part_of_a_split_is_judged_with_the_wind_of_the_first(body, halves):

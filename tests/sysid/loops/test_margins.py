@@ -15,22 +15,15 @@ HZ = np.geomspace(0.05, 60.0, 4000)
 S = 2j * np.pi * HZ
 
 
-def test_integrator_with_delay():
-    """L = k e^(-s T) / s: crossover k / 2 pi, phase margin 90 deg - k T, gain margin pi / (2 k T)."""
-    k, delay = 20.0, 0.03
+@pytest.mark.parametrize(("k", "stable"), [(20.0, True), (60.0, False)])
+def test_integrator_with_delay(k, stable):
+    """L = k e^(-s T) / s: crossover k / 2 pi, phase margin 90 deg - k T, gain margin pi / (2 k T), or below zero."""
+    delay = 0.03
     m = margins_of(HZ, k * np.exp(-S * delay) / S).row(0)
     assert m["crossover_hz"] == pytest.approx(k / (2.0 * np.pi), rel=1e-4)
-    assert m["phase_deg"] == pytest.approx(90.0 - np.degrees(k * delay), abs=0.01)
-    assert m["gain_db"] == pytest.approx(20.0 * np.log10(np.pi / (2.0 * k * delay)), abs=0.01)
-    assert m["stable"]
-
-
-def test_beyond_the_limit_margins_are_negative_and_the_loop_unstable():
-    k, delay = 60.0, 0.03
-    m = margins_of(HZ, k * np.exp(-S * delay) / S).row(0)
-    assert not m["stable"]
-    assert m["gain_db"] == pytest.approx(20.0 * np.log10(np.pi / (2.0 * k * delay)), abs=0.01)
     assert m["phase_deg"] == pytest.approx(90.0 - np.degrees(k * delay), abs=0.05)
+    assert m["gain_db"] == pytest.approx(20.0 * np.log10(np.pi / (2.0 * k * delay)), abs=0.01)
+    assert m["stable"] == stable == (m["gain_db"] > 0.0)
 
 
 def test_peak_and_rejection_of_a_second_order_loop():
