@@ -11,6 +11,7 @@ from scipy.signal import bilinear, lfilter
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.place import LocalFrame
 from logparse import Geodetic, Tables
+from tests.timed import timed
 
 PLACE = Geodetic(np.radians(47.4), np.radians(8.5), 480.0)
 STEP = 0.002  # s; the truth's own sampling
@@ -214,7 +215,7 @@ def _baro(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: n
         size = np.array([sensors.baro_wander, 0.0, 0.0])
         drift += _gauss_markov(rng, size, sensors.baro_wander_time, len(rows), 1.0 / sensors.baro_rate)[:, 0]
     alt = -position[rows, 2] + drift + rng.normal(0.0, sensors.baro_white, len(rows))
-    return pd.DataFrame({"alt": alt, "pressure": np.nan, "temperature": np.nan}, index=pd.Index(t[rows], name="t"))
+    return timed(t[rows], alt=alt, pressure=np.nan, temperature=np.nan)
 
 
 def _ranges(
@@ -223,7 +224,7 @@ def _ranges(
     """Return what a sensor 0.1 m above level ground at the origin's height sees along the body's down axis."""
     rows = np.arange(0, len(t), round(0.1 / STEP))
     distance = (0.1 - position[rows, 2]) / C[rows, 2, 2] + rng.normal(0.0, sensors.range_finder, len(rows))
-    return pd.DataFrame({"distance": distance}, index=pd.Index(t[rows], name="t"))
+    return timed(t[rows], distance=distance)
 
 
 def _mag(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, C: np.ndarray) -> pd.DataFrame:

@@ -1,7 +1,4 @@
-"""Messages that a test makes up, their canonical tables, and a log that never was a file."""
-
-import numpy as np
-import pandas as pd
+"""Messages that are a test's own, their canonical tables, and a log that never was a file."""
 
 from logparse.canonical import gather_tables
 from logparse.craft.vehicle import describe
@@ -16,13 +13,6 @@ class Decoded(dict):
 
     def once(self, name, fields=None):
         return self[name]
-
-
-def message(t, units=None, /, **columns):
-    """Return a message of some times; columns of one number have it in every row."""
-    frame = pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
-    frame.attrs["units"] = units or {}
-    return frame
 
 
 def tables_of(messages, kind, parameters):

@@ -14,19 +14,19 @@ from core.errors import RotoridError
 from logparse import read_log
 from logparse.export import export
 from logparse.tables import Tables
-from tests.logparse.builders import message as frame
 from tests.paths import SHARED
+from tests.timed import timed
 
 
 @pytest.fixture
 def log():
     t = np.arange(5.0)
-    motors = frame(t, m1=1500.0 + t, m2=1500.0 - t)
-    modes = pd.DataFrame({"mode": ["AUTO", "LÄND"]}, index=pd.Index([0.0, 3.0], name="t"))
+    motors = timed(t, m1=1500.0 + t, m2=1500.0 - t)
+    modes = timed([0.0, 3.0], mode=["AUTO", "LÄND"])
     messages = {
-        "ATT": frame(t, {"Roll": "deg"}, Roll=t, t=2 * t),
-        "MSG": frame([1.0, 2.0], Message=["hello", None], Blob=[b"\x00\xff", b""]),
-        "../X Y": frame([0.0], **{"1st": [7]}),
+        "ATT": timed(t, {"Roll": "deg"}, Roll=t, t=2 * t),
+        "MSG": timed([1.0, 2.0], Message=["hello", None], Blob=[b"\x00\xff", b""]),
+        "../X Y": timed([0.0], **{"1st": [7]}),
     }
     return SimpleNamespace(
         path=Path("some log.bin"),
@@ -70,7 +70,7 @@ def test_csv_of_a_part(log, tmp_path):
 
 def test_texts_of_a_log_are_no_formulas_of_a_spreadsheet(tmp_path):
     """Whoever made the log chose them: a message of the autopilot, the name of a field."""
-    made = frame([1.0, 2.0], **{"=x": [1.0, -2.0], "Message": ['=HYPERLINK("http://a")', "Takeoff"]})
+    made = timed([1.0, 2.0], **{"=x": [1.0, -2.0], "Message": ['=HYPERLINK("http://a")', "Takeoff"]})
     log = SimpleNamespace(path=Path("a.bin"), messages={"MSG": made}, tables=Tables())
     (path,) = export(log, tmp_path, format="csv", messages=["MSG"])
     read = pd.read_csv(path)
@@ -90,7 +90,7 @@ def test_matlab(log, tmp_path):
 
 def test_array_fields_have_a_column_for_each_element(log, tmp_path):
     arrays = pa.FixedSizeListArray.from_arrays(pa.array(np.arange(6, dtype="i2")), 3)
-    log.messages["ISBD"] = frame([0.0, 1.0], x=pd.arrays.ArrowExtensionArray(arrays))
+    log.messages["ISBD"] = timed([0.0, 1.0], x=pd.arrays.ArrowExtensionArray(arrays))
     (path,) = export(log, tmp_path, format="csv", messages=["ISBD"])
     assert path.read_text().splitlines() == ["t,x[0],x[1],x[2]", "0.0,0,1,2", "1.0,3,4,5"]
     (path,) = export(log, tmp_path, format="mat", messages=["ISBD"])

@@ -3,22 +3,20 @@
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from logparse import read_log
 from logparse.expressions import evaluate
 from logparse.signals import SignalError, logged_signal
 from logparse.tables import Tables
-from tests.logparse.builders import Decoded, message
+from tests.logparse.builders import Decoded
 from tests.paths import SAMPLES
+from tests.timed import timed
 
 
 def frame(rate, seconds, units, **columns):
     t = np.arange(0.0, seconds, 1.0 / rate)
-    table = pd.DataFrame({name: np.asarray(of(t), dtype=float) for name, of in columns.items()}, index=t)
-    table.attrs["units"] = units
-    return table
+    return timed(t, units, **{name: np.asarray(of(t), dtype=float) for name, of in columns.items()})
 
 
 @pytest.fixture
@@ -30,10 +28,10 @@ def log():
     accel = frame(
         50, 20, {"X": "m/s/s", "Y": "m/s/s", "G": "rad/s"}, X=lambda t: 3.0 + 0 * t, Y=lambda t: 4.0 + 0 * t, G=np.cos
     )
-    imu = message(np.arange(6.0), I=[0, 1] * 3, GyrX=np.arange(6.0))
+    imu = timed(np.arange(6.0), I=[0, 1] * 3, GyrX=np.arange(6.0))
     messages = Decoded({"ATT": attitude.assign(Name="a"), "ACC": accel, "IMU": imu})
     messages["ATT"].attrs["units"] = attitude.attrs["units"]
-    tables = Tables(battery=message(np.arange(6.0), voltage=12.0, current=np.nan))
+    tables = Tables(battery=timed(np.arange(6.0), voltage=12.0, current=np.nan))
     return SimpleNamespace(path=SimpleNamespace(name="a.bin"), messages=messages, tables=tables)
 
 

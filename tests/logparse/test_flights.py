@@ -8,7 +8,7 @@ import pytest
 from logparse.craft.pwm_range import pwm_range
 from logparse.flights import find_flights
 from logparse.tables import Tables
-from tests.logparse.builders import message as table
+from tests.timed import timed
 
 #: ArduCopter 4: idle at 1150 us, as SITL flies.
 PARAMETERS = {"MOT_PWM_MIN": 1000, "MOT_PWM_MAX": 2000, "MOT_SPIN_ARM": 0.1, "MOT_SPIN_MIN": 0.15}
@@ -23,7 +23,7 @@ def profile(t, *points):
 
 def still(t, force):
     zeros = np.zeros(len(t))
-    return table(t, gyro_x=zeros, gyro_y=zeros, gyro_z=zeros, accel_x=zeros, accel_y=zeros, accel_z=-force + zeros)
+    return timed(t, gyro_x=zeros, gyro_y=zeros, gyro_z=zeros, accel_x=zeros, accel_y=zeros, accel_z=-force + zeros)
 
 
 def flown(t, pwm, height, parameters=PARAMETERS, air=None, **more):
@@ -34,9 +34,9 @@ def flown(t, pwm, height, parameters=PARAMETERS, air=None, **more):
     thrust = levels.thrust(np.asarray(pwm, dtype=float)) / levels.thrust(np.array(HOVER))
     air = height > 0.05 if air is None else air
     force = GRAVITY * np.where(air, thrust, 1.0) + 0.1 * rng.normal(size=len(t))
-    motors = table(t, **{f"m{k}": pwm for k in range(1, 5)})
+    motors = timed(t, **{f"m{k}": pwm for k in range(1, 5)})
     zeros = np.zeros(len(t))
-    log = Tables(motors=motors, imu=still(t, force), baro=table(t, alt=height, pressure=zeros), parameters=parameters)
+    log = Tables(motors=motors, imu=still(t, force), baro=timed(t, alt=height, pressure=zeros), parameters=parameters)
     return dataclasses.replace(log, **more)
 
 
@@ -139,7 +139,7 @@ SCENES = {
     "two rows a second": (cut(slice(None, None, 5)), [(14.0, 80.0)], 0.75),
     "one row a second": (cut(slice(None, None, 10)), [(14.0, 80.0)], 1.5),
     "shaken accelerometer": (shaken(), [(14.0, 80.0)], 0.5),
-    "lost estimate": (flown(T, PWM, HEIGHT, ekf=table(T, p_n=0.0 * T, p_e=0.0 * T, p_d=LOST)), [(14.0, 80.0)], 0.4),
+    "lost estimate": (flown(T, PWM, HEIGHT, ekf=timed(T, p_n=0.0 * T, p_e=0.0 * T, p_d=LOST)), [(14.0, 80.0)], 0.4),
     "low hover": (flown(T, LIVELY, 0.08 * HEIGHT), [(14.0, 80.0)], 1.0),
     "disarmed": (flown(T, np.full(len(T), 1000.0), 0.0 * T), [], 0.0),
     "idle": (flown(T, np.full(len(T), 1150.0), 0.0 * T), [], 0.0),
@@ -155,9 +155,9 @@ SCENES = {
     "driven hard on a stand": (flown(T, DRIVEN, DRIFT, air=NOWHERE), [], 0.0),
     "as hard in the air": (flown(T, DRIVEN, DRIFT), [(14.0, 80.0)], 6.0),
     "nothing": (Tables(), [], 0.0),
-    "no rows": (Tables(motors=table([], m1=[])), [], 0.0),
-    "no numbers": (Tables(motors=table([1.0, 2.0], m1=[np.nan, np.nan])), [], 0.0),
-    "outputs alone": (Tables(motors=table(T, m1=PWM)), [], 0.0),
+    "no rows": (Tables(motors=timed([], m1=[])), [], 0.0),
+    "no numbers": (Tables(motors=timed([1.0, 2.0], m1=[np.nan, np.nan])), [], 0.0),
+    "outputs alone": (Tables(motors=timed(T, m1=PWM)), [], 0.0),
     # As flights of years they would be looked at second by second.
     "rows a minute apart": (flown(610.0 * T, PWM, HEIGHT), [], 0.0),
     "rows months apart": (flown(1e8 * T, PWM, HEIGHT), [], 0.0),
@@ -187,8 +187,8 @@ def test_a_low_run_is_a_flight_where_its_thrust_is_known_to_carry(output, flight
 @pytest.mark.parametrize("missing", ["imu", "baro", "motors", "all"])
 def test_a_log_without_one_of_its_sources(missing):
     """Without a barometer the autopilot's height serves, without outputs its throttle, else the height alone."""
-    log = flown(T, PWM, HEIGHT, ekf=table(T, p_d=-HEIGHT, v_d=0.0 * T))
-    throttle = table(T, throttle=((PWM - 1150.0) / 850.0).clip(0.0))
+    log = flown(T, PWM, HEIGHT, ekf=timed(T, p_d=-HEIGHT, v_d=0.0 * T))
+    throttle = timed(T, throttle=((PWM - 1150.0) / 850.0).clip(0.0))
     without = {"motors": None, "setpoints": throttle} if missing == "motors" else {missing: None}
     if missing == "all":
         without = {"motors": None, "imu": None, "baro": None}

@@ -19,8 +19,9 @@ from logparse.craft.vehicle import describe
 from logparse.flights import find_flights
 from logparse.inspection import inspect
 from logparse.source import Boot
-from tests.logparse.builders import Decoded, message, tables_of
+from tests.logparse.builders import Decoded, tables_of
 from tests.paths import SHARED
+from tests.timed import timed
 
 T = np.arange(0.0, 60.0, 0.1)
 
@@ -29,10 +30,10 @@ def flight_messages():
     height = np.interp(T, [0, 5, 10, 50, 55], [0, 0, 10, 10, 0])
     pwm = np.interp(T, [0, 3, 4, 55, 56], [1000, 1000, 1500, 1500, 1000])
     return Decoded(
-        RCOU=message(T, **{f"C{k}": pwm for k in range(1, 5)}),
-        IMU=message(T, **{f"Gyr{a}": 0.01 for a in "XYZ"}, AccX=0.0, AccY=0.0, AccZ=-9.8),
-        GPS=message(T[::2], Status=3, NSats=12, HDop=0.8, Lat=47, Lng=8, Alt=488 + height[::2], Spd=0, GCrs=0, VZ=0.01),
-        BARO=message(T, Alt=height, Press=95e3, Temp=20.0),
+        RCOU=timed(T, **{f"C{k}": pwm for k in range(1, 5)}),
+        IMU=timed(T, **{f"Gyr{a}": 0.01 for a in "XYZ"}, AccX=0.0, AccY=0.0, AccZ=-9.8),
+        GPS=timed(T[::2], Status=3, NSats=12, HDop=0.8, Lat=47, Lng=8, Alt=488 + height[::2], Spd=0, GCrs=0, VZ=0.01),
+        BARO=timed(T, Alt=height, Press=95e3, Temp=20.0),
     )
 
 
@@ -109,14 +110,14 @@ def test_a_bit_that_is_set_points_to_the_sensor():
 
 @pytest.mark.parametrize(("minor", "name"), [(6, "SRn_RC_CHAN"), (7, "MAVn_RC_CHAN")])
 def test_telemetry_is_told_its_stream_rates(minor, name):
-    beat = message([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
-    version = message([0.0], flight_sw_version=[4 << 24 | minor << 16], system=[1], component=[1])
+    beat = timed([0.0], type=[2], autopilot=[3], base_mode=[0], custom_mode=[0], system=[1], component=[1])
+    version = timed([0.0], flight_sw_version=[4 << 24 | minor << 16], system=[1], component=[1])
     findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat, AUTOPILOT_VERSION=version), kind="tlog")))
     assert name in findings["motors"].advice
 
 
 def test_px4_by_radio_is_not_told_the_parameters_of_ardupilot():
-    beat = message([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
+    beat = timed([0.0], type=[2], autopilot=[12], base_mode=[0], custom_mode=[0], system=[1], component=[1])
     findings = by_id(inspect(log_of(Decoded(HEARTBEAT=beat), kind="tlog")))
     assert "MAV_n_RATE" in findings["motors"].advice
     assert not any("SRn_" in finding.advice or "LOG_BITMASK" in finding.advice for finding in findings.values())

@@ -21,6 +21,7 @@ from logparse.canonical.series import join
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
 from tests.paths import SAMPLES
+from tests.timed import timed
 
 
 def small_log(path: Path, start: float = 10.0, seconds: float = 20.0) -> Path:
@@ -216,7 +217,7 @@ def test_boot_is_chosen_by_the_user_or_by_length(tmp_path: Path) -> None:
 def test_a_power_up_without_parameters_has_those_of_the_one_before(tmp_path: Path) -> None:
     """A clock that jumps back makes two power-ups of one: what was flown after it was flown without parameters."""
     t = np.arange(10.0, 20.0, 0.1)
-    attitude = pd.DataFrame({"Roll": np.sin(t), "Pitch": np.cos(t)}, index=pd.Index(t, name="t"))
+    attitude = timed(t, Roll=np.sin(t), Pitch=np.cos(t))
     write_dataflash(tmp_path / "b.bin", [("ATT", "Qff", "sdd", "F00", attitude)])
     parts = small_log(tmp_path / "a.bin", 90, 5), tmp_path / "b.bin"
     (tmp_path / "both.bin").write_bytes(b"".join(part.read_bytes() for part in parts))

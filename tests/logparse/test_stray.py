@@ -13,6 +13,7 @@ from logparse.rest import ACCEL, GYRO, at_rest, calibration
 from logparse.stray import without_stray
 from logparse.tables import Tables
 from logparse.timebase import mend_times, utc_from_gps
+from tests.timed import timed
 
 N, AT = 200, 120
 #: By message the usual scatter of its fields, and what a flipped bit adds to one of them.
@@ -128,7 +129,7 @@ def imu(seconds=20.0, force=(0.0, 0.0, -9.81), turning=0.0, shaking=0.05, seed=1
     t = np.arange(0.0, seconds, 1.0 / RATE)
     columns = {name: turning * np.sin(3.0 * t) + 0.005 * rng.standard_normal(len(t)) for name in GYRO}
     columns |= {name: f + shaking * rng.standard_normal(len(t)) for name, f in zip(ACCEL, force, strict=True)}
-    return Tables(imu=pd.DataFrame(columns, index=pd.Index(t, name="t")))
+    return Tables(imu=timed(t, **columns))
 
 
 def ids(tables, flights=(), parameters=None):

@@ -3,21 +3,16 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from tests.logparse.builders import tables_of
+from tests.timed import timed
 
 QUAD = {"SYS_AUTOSTART": 4001}
 
 
 def topic(t, **columns):
-    frame = pd.DataFrame(
-        {name.replace("__", "[") + "]" * ("__" in name): values for name, values in columns.items()},
-        index=pd.Index(np.asarray(t, dtype=float), name="t"),
-    )
-    frame.attrs["units"] = {}
-    return frame
+    return timed(t, **{name.replace("__", "[") + "]" * ("__" in name): values for name, values in columns.items()})
 
 
 def build(messages, parameters=QUAD):
@@ -134,7 +129,7 @@ def test_signals_that_autotuning_adds_are_those_of_system_identification():
     roll = np.where((t >= 5.0) & (t < 15.0), 0.5 * np.sin(3.0 * t), 0.0)
     pitch = np.where((t >= 18.0) & (t < 28.0), 0.5 * np.sin(3.0 * t), 0.0)
     columns = {"rate_sp[0]": roll, "rate_sp[1]": pitch, "rate_sp[2]": 0.0 * t}
-    tables, _ = build({"autotune_attitude_control_status": pd.DataFrame(columns, index=pd.Index(t, name="t"))})
+    tables, _ = build({"autotune_attitude_control_status": timed(t, **columns)})
     injection = tables.systemid
     assert set(injection["axis"]) == {7.0, 8.0}
     assert injection.index[[0, -1]].tolist() == pytest.approx([5.0, 27.9], abs=0.11)

@@ -9,15 +9,15 @@ import pytest
 from logparse.canonical.events import ardupilot_mode
 from logparse.flights import find_flights
 from logparse.tables import COLUMNS
-from tests.logparse import builders
 from tests.logparse.builders import tables_of
+from tests.timed import timed
 
 QUAD = {"FRAME_CLASS": 1, "FRAME_TYPE": 1}
 HOME = (47.0, 8.0, 488.0)
 
 
 def message(t, sender=(1, 1), **columns):
-    return builders.message(t, **columns, system=sender[0], component=sender[1])
+    return timed(t, **columns, system=sender[0], component=sender[1])
 
 
 def heartbeats(t, armed=True, mode=4, sender=(1, 1), kind=2, autopilot=3):

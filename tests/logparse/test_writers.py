@@ -15,6 +15,7 @@ from logparse.dataflash.format import MULTIPLIERS, UNITS
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
 from logparse.mavlink.dialect import definitions, pymavlink_dialect
 from logparse.mavlink.writer import TlogWriter, write_tlog
+from tests.timed import timed
 
 
 def rows_by_pymavlink(path: Path) -> dict[str, list[DFReader.DFMessage]]:
@@ -88,7 +89,7 @@ def test_units_and_multipliers_are_declared_as_ardupilot_does(tmp_path: Path) ->
 
 def test_tables_are_interleaved_by_time_and_time_is_made_from_the_index(tmp_path: Path) -> None:
     t = np.arange(10.0, 20.0, 0.5)
-    fast = pd.DataFrame({"Roll": np.sin(t)}, index=pd.Index(t, name="t"))
+    fast = timed(t, Roll=np.sin(t))
     slow = pd.DataFrame({"TimeUS": np.array([12_250_000, 11_250_000]), "Alt": [2.0, 1.0]})
     path = tmp_path / "two.bin"
     write_dataflash(path, [("ATT", "Qf", "sd", "F0", fast), ("BARO", "Qf", "sm", "F0", slow)])
@@ -183,8 +184,8 @@ def written_and_expected(name):
 def test_tables_are_interleaved_by_time_and_clocks_filled(tmp_path):
     path = tmp_path / "flight.tlog"
     t = np.arange(5) * 0.25 + 12.0
-    attitude = pd.DataFrame({"roll": np.sin(t)}, index=pd.Index(t, name="t"))
-    motors = pd.DataFrame({"servo1_raw": 1500.4 + t, "system": 3}, index=pd.Index(t + 0.1, name="t"))
+    attitude = timed(t, roll=np.sin(t))
+    motors = timed(t + 0.1, servo1_raw=1500.4 + t, system=3)
     write_tlog(path, [("ATTITUDE", attitude), ("SERVO_OUTPUT_RAW", motors)], datetime(2024, 3, 1, tzinfo=UTC))
     messages = read_back(path)
     assert [m.get_type() for m in messages] == ["ATTITUDE", "SERVO_OUTPUT_RAW"] * 5

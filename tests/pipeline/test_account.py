@@ -10,6 +10,7 @@ from pipeline.flight.account.account import account_of
 from pipeline.flight.account.readings import Readings
 from pipeline.results.account import Account
 from pipeline.results.span import Span
+from tests.timed import timed
 
 FLIGHT = Span(10.0, 70.0)
 PARAMETERS = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0, "MOT_SPIN_MIN": 0.15, "MOT_SPIN_MAX": 0.95}
@@ -18,8 +19,7 @@ PARAMETERS = {"MOT_PWM_MIN": 1000.0, "MOT_PWM_MAX": 2000.0, "MOT_SPIN_MIN": 0.15
 def table(rate: float, **columns):
     """Make a table from 0 to 80 s whose columns are functions of time, or constants."""
     t = np.arange(0.0, 80.0, 1.0 / rate)
-    values = {name: value(t) if callable(value) else np.full(len(t), value) for name, value in columns.items()}
-    return pd.DataFrame(values, index=pd.Index(t, name="t"))
+    return timed(t, **{name: value(t) if callable(value) else value for name, value in columns.items()})
 
 
 def height(t):
@@ -37,7 +37,7 @@ def flown(**changes):
         "baro": table(10.0, alt=height, pressure=1e5, temperature=290.0),
         "gps": table(5.0, lat=0.8, lon=0.1, alt=height, v_n=0.0, v_e=0.0, v_d=0.0, fix=3.0, satellites=12.0, hdop=0.8),
         "battery": table(10.0, voltage=12.3, current=10.0),
-        "modes": pd.DataFrame({"mode": ["LOITER"]}, index=pd.Index([0.0], name="t")),
+        "modes": timed([0.0], mode=["LOITER"]),
         "parameters": PARAMETERS,
     }
     return Tables(**(parts | changes))
@@ -46,10 +46,7 @@ def flown(**changes):
 def events_at(*rows):
     """Make a table of events of (time, event, detail)."""
     times, names, details = zip(*rows, strict=True)
-    return pd.DataFrame(
-        {"event": pd.array(names, dtype="str"), "detail": pd.array(details, dtype="str")},
-        index=pd.Index(times, name="t", dtype=float),
-    )
+    return timed(times, event=pd.array(names, dtype="str"), detail=pd.array(details, dtype="str"))
 
 
 def account(tables, messages=None, flight=FLIGHT) -> Account:
@@ -189,7 +186,7 @@ def test_a_pilot_who_throws_the_stick_about_or_flips_or_cuts_the_throttle_does_n
     # The target rests, and the craft swings as far for a while.
     swinging = leaning(lambda t: np.where((t > 30.0) & (t < 36.0), followed(t), 0.0))
     assert {event for event, *_ in told(attitude=swinging)} == {"control-lost"}
-    modes = pd.DataFrame({"mode": ["LOITER", "FLIP", "LOITER"]}, index=pd.Index([0.0, 49.0, 54.0], name="t"))
+    modes = timed([0.0, 49.0, 54.0], mode=["LOITER", "FLIP", "LOITER"])
     assert told(attitude=leaning(between(50.0, 53.0, 3.0)), modes=modes) == []
     closed = leaning(0.0, throttle=between(50.0, 52.5, 0.0, 0.35))
     assert told(attitude=leaning(between(50.5, 53.0, 1.0)), setpoints=closed) == []
@@ -340,7 +337,7 @@ def test_throttle_that_runs_away_is_the_autopilots_when_no_climb_was_asked_for()
     assert flight_account.height.others["autopilot"] == pytest.approx(20.0, abs=0.5)
     assert "unasked" in account(flown(**climbing(p_d=-20.0) | {"ekf": None})).headline
     # Of a climb that was asked for, and of a pilot's own full throttle, nothing is said.
-    modes = pd.DataFrame({"mode": ["STABILIZE"]}, index=pd.Index([0.0], name="t"))
+    modes = timed([0.0], mode=["STABILIZE"])
     assert account(flown(**climbing(v_d=-5.0))).story == account(flown(**climbing(), modes=modes)).story == ()
     # A hole may have swallowed that the pilot took over (6-3-2014_7 with 140 to 155 s cut out).
     tables = {name: getattr(flown(**climbing()), name) for name in ("attitude", "baro", "ekf", "modes", "setpoints")}

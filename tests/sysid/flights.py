@@ -5,10 +5,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 
 from estimation import STATE_COLUMNS
 from logparse import Tables, Vehicle
+from tests.timed import timed
 
 
 @dataclass
@@ -17,10 +17,6 @@ class Log:
     flight: object
     path: Path = Path("flight.bin")
     vehicle: Vehicle | None = None
-
-
-def frame(t, **columns):
-    return pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
 
 
 def made(tables=None, vehicle=None, flight=(10.0, 50.0), north=None, east=None, down=None, yaw=0.0):
@@ -34,9 +30,9 @@ def made(tables=None, vehicle=None, flight=(10.0, 50.0), north=None, east=None, 
         states[name.replace("p_", "v_")] = np.gradient(states[name], t)
     heading = yaw(t) if callable(yaw) else zero + yaw
     states |= {"q_w": np.cos(heading / 2.0), "q_z": np.sin(heading / 2.0)}
-    sigma = frame(t, **{f"phi_{axis}": np.full_like(t, 1e-3) for axis in "ned"})
+    sigma = timed(t, **{f"phi_{axis}": np.full_like(t, 1e-3) for axis in "ned"})
     trajectory = SimpleNamespace(
-        states=frame(t, **states), sigma=sigma, origin=None, inconsistency="", unknown_position=lambda start, stop: ""
+        states=timed(t, **states), sigma=sigma, origin=None, inconsistency="", unknown_position=lambda start, stop: ""
     )
     interval = flight and SimpleNamespace(start=flight[0], stop=flight[1])
     return Log(tables or Tables(), interval, vehicle=vehicle), trajectory

@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from logparse import Motor, Vehicle
 from simulation.atmosphere import Atmosphere
@@ -13,6 +12,7 @@ from simulation.instruments import attitude_angles
 from simulation.sensors import rotate_to_body
 from simulation.vehicle import Multirotor
 from sysid import Experiment
+from tests.timed import timed
 
 GRAVITY = 9.80665
 
@@ -52,7 +52,7 @@ def of_craft(t, u, position, context, vehicle: Vehicle | None, name: str, **more
         name=name,
         input_names=[f"m{k + 1}" for k in range(u.shape[1])],
         output_names=("x", "y", "z"),
-        context=pd.DataFrame(context, index=pd.Index(t, name="t")),
+        context=timed(t, **context),
         vehicle=vehicle,
         **more,
     )

@@ -12,15 +12,15 @@ from sysid import Experiment, ExperimentError
 from sysid.records.context import standard_density
 from sysid.records.resampling import resample
 from tests.sysid import flights
-from tests.sysid.flights import frame
+from tests.timed import timed
 
 
 def made(motors=None, flight=(10.0, 50.0), down=lambda t: -3.0 - 2.0 * t):
     """Make a climb to the north-west at sea level, 60 s with motors at 10 Hz and states at 50 Hz."""
     tm = np.arange(0.0, 60.0, 0.1)
     if motors is None:
-        motors = frame(tm, m1=1500.0 + tm, m2=1400.0 - tm)
-    baro = frame(tm, alt=tm, pressure=np.full_like(tm, 101325.0), temperature=np.full_like(tm, 310.0))
+        motors = timed(tm, m1=1500.0 + tm, m2=1400.0 - tm)
+    baro = timed(tm, alt=tm, pressure=np.full_like(tm, 101325.0), temperature=np.full_like(tm, 310.0))
     path = {"north": lambda t: 100.0 + t, "east": lambda t: -t, "down": down}
     return flights.made(Tables(motors=motors, baro=baro), flight=flight, **path)
 
@@ -76,7 +76,7 @@ def test_a_motor_without_values_is_left_out():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ({"motors": frame([])}, "log them"),
+        ({"motors": timed([])}, "log them"),
         ({"flight": None}, "never left the ground"),
         ({"flight": (59.5, 59.9)}, "overlap in flight for"),
     ],

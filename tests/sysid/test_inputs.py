@@ -10,20 +10,21 @@ from logparse.craft.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
 from sysid.records.excitation import coherence, examine
-from tests.sysid.flights import frame, made
+from tests.sysid.flights import made
 from tests.sysid.simulated import motion
+from tests.timed import timed
 
 T = np.arange(0.0, 60.0, 0.1)
 
 
 def rates(t=T, **columns):
     zero = np.zeros_like(t)
-    return frame(t, **(dict.fromkeys(COLUMNS["rates"], zero) | columns))
+    return timed(t, **(dict.fromkeys(COLUMNS["rates"], zero) | columns))
 
 
 def setpoints(t=T, **columns):
     nothing = np.full_like(t, np.nan)
-    return frame(t, **(dict.fromkeys(COLUMNS["setpoints"], nothing) | columns))
+    return timed(t, **(dict.fromkeys(COLUMNS["setpoints"], nothing) | columns))
 
 
 def path(t):
@@ -48,7 +49,7 @@ def test_rate_outputs_are_those_of_the_controller():
 
 def test_rotor_speeds_are_those_that_escs_report():
     speeds = {f"w{k}": 600.0 + k + 0.1 * T for k in range(1, 5)}
-    record = Experiment.from_flight(*made(Tables(esc=frame(T, **speeds, volt1=T))), inputs="rotor_speeds")
+    record = Experiment.from_flight(*made(Tables(esc=timed(T, **speeds, volt1=T))), inputs="rotor_speeds")
     assert record.input_names == ("m1", "m2", "m3", "m4")
     assert {record.units[name] for name in record.input_names} == {"rad/s"}
     np.testing.assert_allclose(record.u[0], [602.0, 603.0, 604.0, 605.0], atol=1e-9)
@@ -104,7 +105,7 @@ def test_only_the_time_in_which_a_position_is_held_is_used():
 def test_a_target_that_jumps_at_a_change_of_mode_is_a_restart_and_elsewhere_a_step(mode_at, pieces):
     target = hold()
     target.loc[30.0:, "p_e"] = 5.0
-    modes = pd.DataFrame({"mode": ["AUTO", "LOITER"]}, index=pd.Index([0.0, mode_at], name="t"))
+    modes = timed([0.0, mode_at], mode=["AUTO", "LOITER"])
     log, trajectory = made(
         Tables(setpoints=target, modes=modes),
         north=path,
@@ -123,7 +124,7 @@ def test_a_target_that_jumps_with_the_autopilots_own_estimate_is_a_reset():
     target.loc[35.0:, "p_e"] = 3.0
     own = {name: np.zeros_like(T) for name in COLUMNS["ekf"]}
     own |= {"p_n": path(T), "p_e": np.where(T >= 35.0, 3.0, 0.0)}
-    tables = Tables(setpoints=target, ekf=frame(T, **own))
+    tables = Tables(setpoints=target, ekf=timed(T, **own))
     record = Experiment.from_flight(*made(tables, north=path, down=level(-10.0)), inputs="reference")
     assert record.t[-1] == pytest.approx(35.0, abs=0.2)
 
@@ -153,7 +154,7 @@ def test_tilt_commands_push_where_the_thrust_tips():
 
 def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
     """A circle flown nose first is straight ahead: forward is the way flown, right is nothing."""
-    motors = frame(T, m1=1500.0 + T, m2=1400.0 - T)
+    motors = timed(T, m1=1500.0 + T, m2=1400.0 - T)
     log, trajectory = made(
         Tables(motors=motors),
         north=lambda t: 10.0 * np.sin(0.3 * t),
@@ -170,7 +171,7 @@ def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
 
 
 def test_a_motor_lost_for_a_while_ends_the_piece():
-    motors = frame(T, m1=1500.0 + T, m2=1400.0 - T)
+    motors = timed(T, m1=1500.0 + T, m2=1400.0 - T)
     motors.loc[15.0:20.0, "m2"] = np.nan
     record = Experiment.from_flight(*made(Tables(motors=motors)))
     assert record.t[0] > 20.0
@@ -183,7 +184,7 @@ def test_a_motor_lost_for_a_while_ends_the_piece():
         (Tables(), "motors", "RCOU.*log them"),
         (Tables(), "mixer", "RCOU.*log them"),
         (Tables(), "rotor_speeds", "ESC messages with RPM"),
-        (Tables(motors=frame(T, m1=T, m2=T)), "mixer", "FRAME_CLASS"),
+        (Tables(motors=timed(T, m1=T, m2=T)), "mixer", "FRAME_CLASS"),
         (Tables(), "rate_outputs", "RATE.*log them"),
         (Tables(rates=rates(out_thrust=T * np.nan)), "rate_outputs", "CTUN"),
         (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*navigation tuning"),
@@ -210,7 +211,7 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
     thrust = 1500.0 + 20.0 * np.sin(0.5 * T)
     roll = {motor.number: np.sign(motor.roll) for motor in vehicle.motors}
     outputs = {f"m{k}": np.round(thrust + 0.2 * roll[k] * np.sin(T)) for k in roll}
-    log, trajectory = made(Tables(motors=frame(T, **outputs)), vehicle=vehicle)
+    log, trajectory = made(Tables(motors=timed(T, **outputs)), vehicle=vehicle)
     for kind in ("motors", "mixer"):
         findings = {finding.id: finding for finding in Experiment.from_flight(log, trajectory, inputs=kind).findings}
         assert "what was asked in roll" in findings["constant-input"].reason

@@ -11,6 +11,7 @@ from logparse.craft.frames import motor_table
 from sysid.records.mixer import expectation, known_slope, mixer_differs, project, rounding
 from sysid.records.motor_scaling import command_for, curve, curve_slope, motor_commands, motor_pwm
 from sysid.rotors.motor_faults.outputs import check_outputs
+from tests.timed import timed
 
 QUAD_X = ("quad", "x")
 FRAMES = [QUAD_X, ("octa", "plus")]
@@ -188,7 +189,7 @@ def mixed(vehicle, samples=200, voltage_ratio=1.0):
         ratio = (e - 1.0 + np.sqrt((1.0 - e) ** 2 + 4.0 * e * thrust)) / (2.0 * e) if e else thrust
         actuator = vehicle.spin_min + (vehicle.spin_max - vehicle.spin_min) * ratio / voltage_ratio
         motors[f"m{motor.number}"] = vehicle.pwm_min + (vehicle.pwm_max - vehicle.pwm_min) * actuator
-    return wanted, pd.DataFrame(motors, index=pd.Index(t, name="t"))
+    return wanted, timed(t, **motors)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,15 @@
+"""Tables by time, as messages of logs and canonical tables are."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+
+def timed(t: npt.ArrayLike, units: Mapping[str, str] | None = None, /, **columns: Any) -> pd.DataFrame:
+    """Return a table of some times [s]; columns of one number have it in every row."""
+    table = pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
+    table.attrs["units"] = dict(units or {})
+    return table
