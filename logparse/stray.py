@@ -29,6 +29,8 @@ UNMOVED = 2.0
 FAR = 100.0
 #: Rows that are looked at at a time.
 _PIECE = 1 << 15
+#: Rows by which the usual difference between rows is told well enough.
+_USUAL = 1 << 11
 #: Messages whose rows are events or settings: each may be like none beside it.
 _EVENTS = frozenset(("ARM", "CMD", "ERR", "EV", "FMT", "MODE", "MSG", "PARM"))
 
@@ -45,21 +47,21 @@ def without_stray(message: str, frame: pd.DataFrame) -> tuple[pd.DataFrame, int]
     """
     if message in _EVENTS or len(frame) < 2 * BESIDE:
         return frame, 0
-    columns = {str(name): column for name, column in frame.items() if pd.api.types.is_numeric_dtype(column.dtype)}
+    bare = pd.DataFrame(frame)  # without attributes, which every column would copy
+    columns = {str(name): column.to_numpy() for name, column in bare.items() if column.dtype.kind in "biuf"}
     instance = frame.attrs.get("instance") or next((name for name in INSTANCE_NAMES if name in columns), None)
     t, strays = frame.index.to_numpy(np.float64), list[tuple[int, str]]()
-    for rows in _instances(columns.pop(instance).to_numpy() if instance in columns else np.zeros(len(frame))):
+    for rows in _instances(columns.pop(instance) if instance in columns else np.zeros(len(frame))):
         for first in range(0, len(rows), _PIECE):
             start = max(first - BESIDE - 1, 0)
             piece = rows[start : first + _PIECE + BESIDE + 1]
-            found = _strays(t[piece], {name: column.to_numpy()[piece] for name, column in columns.items()})
+            found = _strays(t[piece], {name: column[piece] for name, column in columns.items()})
             strays += [(int(piece[row]), name) for row, name in found if 0 <= row + start - first < _PIECE]
     if not strays:
         return frame, 0
     kept = frame.copy(deep=False)
     for name in {name for _, name in strays}:
-        values = columns[name].to_numpy()
-        values = values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
+        values = columns[name].astype(columns[name].dtype if columns[name].dtype.kind == "f" else np.float64)
         values[[row for row, other in strays if other == name]] = np.nan
         kept[name] = values
     kept.attrs = frame.attrs
@@ -108,11 +110,13 @@ def _alone_off(values: Array) -> tuple[Rows, Array]:
         rise = np.abs(np.diff(values))
     moving = rise[rise > 0.0]
     # Below what one row usually differs from the next, resolution and noise make rows of their own.
-    least = float(np.median(moving)) if len(moving) > BESIDE else 0.0
+    least = float(np.median(moving[:: 1 + len(moving) // _USUAL])) if len(moving) > BESIDE else 0.0
     if not float(moving.max(initial=0.0)) > RATIO * least:
         return np.empty(0, np.intp), np.empty(0)
     off, across = _off_middle(values)
     rows = np.flatnonzero((off > RATIO * least) & (across < BACK * off))
+    if not len(rows):
+        return rows, np.empty(0)
     with np.errstate(divide="ignore", over="ignore"):
         times = off[rows] / np.maximum(_largest_beside(off, rows), least)
     return rows[times > RATIO], times[times > RATIO]
@@ -123,7 +127,8 @@ def _off_middle(values: Array) -> tuple[Array, Array]:
     off, across = np.zeros(len(values)), np.zeros(len(values))
     with np.errstate(invalid="ignore", over="ignore"):
         rise = np.diff(values)
-        off[1:-1] = np.nan_to_num(np.abs(rise[:-1] - rise[1:]) / 2.0, posinf=np.finfo(np.float64).max)
+        bend = np.abs(rise[:-1] - rise[1:]) / 2.0
+        off[1:-1] = np.where(bend >= 0.0, np.minimum(bend, np.finfo(np.float64).max), 0.0)
         across[1:-1] = np.abs(rise[:-1] + rise[1:])
     return off, across
 
