@@ -566,3 +566,9 @@ def test_each_advice_stands_once_at_the_gravest_that_it_is_for():
     advices = [finding.advice for finding in (*told.happenings, *told.story) if finding.advice]
     assert advices
     assert len(advices) == len(set(advices))
+
+
+def test_motors_of_which_too_little_is_logged_are_said_to_be_unknown():
+    slow = "motor outputs or the IMU too slow: no motor was looked at"
+    assert slow not in account(flown()).unknown
+    assert slow in account(flown(motors=flown().motors.iloc[::10])).unknown

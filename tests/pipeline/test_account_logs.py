@@ -57,6 +57,17 @@ def test_a_lost_motor_is_named_to_half_a_second(account_of, name, motor, second)
     assert event.evidence["thrust_loss"] > 0.9
 
 
+@pytest.mark.parametrize(
+    ("name", "motor", "second"), [("lost_motor_octa", 5, 80.11), ("lost_motor_quad", 2, 81.06), ("weak_octa", 3, 85.08)]
+)
+def test_outputs_that_are_logged_three_times_a_second_name_the_motor_too(unpacked, name, motor, second):
+    """They were too slow to look at: a lost motor was a craft that leaned away from what was asked."""
+    log = logparse.read_log(unpacked(f"faults/{name}"))
+    tables = replace(log.tables, motors=log.tables.motors.iloc[::3])
+    (fault,) = find_motor_faults(tables, log.vehicle, log.flight.start, log.flight.stop)
+    assert (fault.motor, fault.t) == (motor, pytest.approx(second, abs=0.5))
+
+
 def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path, unpacked):
     """Power goes with a craft that falls: the log ends in the air, without the landing that is left out of others."""
     cut = tmp_path / "cut.BIN"

@@ -20,6 +20,7 @@ from pipeline.flight.account.sensors import sensor_happenings
 from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
 from pipeline.results.account import Account, Phase, PhaseKind
 from pipeline.results.span import Span, around
+from sysid.rotors.motor_faults import too_slow
 
 #: What breaks the craft: nothing after it serves models.
 _ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air"))
@@ -84,6 +85,8 @@ def account_of(readings: Readings) -> Account:
         unknown = (*unknown, "the battery's voltage is not measured: it does not sag under load")
     if readings.attitude_error is None and tables.has("attitude") and tables.has("setpoints"):
         unknown = (*unknown, "attitude or its target too slow: whether it followed")
+    if tables.has("motors") and tables.has("imu") and too_slow(tables, flight.start, flight.stop):
+        unknown = (*unknown, "motor outputs or the IMU too slow: no motor was looked at")
     seen = tables.has("imu") or tables.has("attitude")
     begun, cuts = begins_in_the_air(readings), tuple(unseen(readings))
     sentence = headline(story, None if begun else flight) or uneventful(flight, height, distance, speed, seen=seen)

@@ -26,8 +26,10 @@ from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.statistics.covariance import long_run_variance
 
-#: Slowest motor outputs and rates [Hz] that tell a change, fewest rows, and fastest outputs that tell more.
-_SLOWEST, FEWEST, _FASTEST = 4.0, 30, 25.0
+#: Slowest motor outputs and rates [Hz] that tell a change: outputs of 2 Hz name the motors of `faults` as those of 10
+#: do, to the tenth of a second; rates of 3 Hz feign losses for moments (00000081). Fewest rows, and fastest outputs
+#: that tell more.
+_SLOWEST, _SLOWEST_RATES, FEWEST, _FASTEST = 1.5, 4.0, 30, 25.0
 #: Columns of `Moments.columns` that a craft out of control keeps: its airspeed is unlike any before.
 OF_A_FALL = (0, 1, 2, 3)
 
@@ -70,6 +72,15 @@ class Moments:
         return [self.thrust @ factors for factors in self.factors]
 
 
+def too_slow(tables: Tables, start: float, stop: float) -> bool:
+    """Return whether motor outputs or the IMU come too seldom between start and stop [s] to tell a motor that fails."""
+    for table, slowest in ((tables.motors, _SLOWEST), (tables.imu, _SLOWEST_RATES)):
+        t = np.empty(0) if table is None else table.loc[start:stop].index.to_numpy(np.float64)
+        if len(t) > 1 and len(t) < slowest * (t[-1] - t[0]):
+            return True
+    return False
+
+
 def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> Moments | None:
     """Read outputs and motion of a flight between start and stop [s]; None where rows are few or slow.
 
@@ -94,9 +105,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     measured = np.logical_and.reduce([np.abs(values) < 1e4 for values in motion])
     if not measured.all():
         at, motion = at[measured], [values[measured] for values in motion]
-    if min(len(t), len(at)) < FEWEST:
-        return None
-    if min(len(t) / (t[-1] - t[0]), len(at) / (at[-1] - at[0])) < _SLOWEST:
+    if min(len(t), len(at)) < FEWEST or too_slow(tables, start, stop):
         return None
     inside = (t > at[0]) & (t < at[-1])
     t, pwm = t[inside], outputs.to_numpy(np.float64)[inside]
