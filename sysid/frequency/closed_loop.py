@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -27,6 +27,9 @@ _BANDWIDTH_PHASE = -0.75 * np.pi
 #: Errors by Cramer and Rao are too small where modes, wind and pilot change. Tischler and Remple (2012, 11.3.2)
 #: double them; with the choice of structure among them, halves of eleven real flights differ by 1.4 of them.
 _REAL_FLIGHT = 1.5
+
+#: Rounding [dB] of a response that only falls: it made a peak of 2e-15 ± 3e-14 dB of log_0036 with flipped bits.
+_NO_PEAK = 1e-9
 
 #: Standard deviations from which on phase delay and peak are of no use.
 _LARGEST = {"s": 0.065, "dB": 3.0}
@@ -72,13 +75,18 @@ def attitude_response(data: GivenSignals, axis: str, *, within: Within | None = 
     # Its target as input and its attitude as output; nothing integrates between them.
     following = Axis(axis, f"{axis} target", axis, "rad/rad", "", "", which.letter)
     frf = response_of_records(records, following)
-    model = fit(frf)
+    fitted = fit(frf)
+    wider = {
+        name: known if known.sigma is None else replace(known, sigma=_REAL_FLIGHT * known.sigma)
+        for name, known in fitted.parameters.items()
+    }
+    model = replace(fitted, parameters=wider)
     bandwidth = _known(model, lambda fit: _passing(fit, _BANDWIDTH_PHASE)[0], "rad/s", _BANDWIDTH_PHASE)
     return AttitudeResponse(
         axis=axis,
         bandwidth=possible_bandwidth(bandwidth, axis),
         phase_delay=_known(model, _phase_delay, "s", -np.pi),
-        peak=_known(model, _peak, "dB"),
+        peak=_known(model, peak_of, "dB"),
         frf=frf,
         fit=model,
     )
@@ -133,9 +141,11 @@ def _phase_delay(model: FrequencyFit) -> float:
     return (-beyond - np.pi) / (2.0 * at)
 
 
-def _peak(model: FrequencyFit) -> float:
+def peak_of(model: FrequencyFit) -> float:
+    """Return the largest gain over that at low frequency, dB; 0 of a response that only falls."""
     gain = np.abs(model.response(np.geomspace(0.02, 20.0, 300)))
-    return float(20.0 * np.log10(np.max(gain) / gain[0])) if np.argmax(gain) else 0.0
+    over = float(20.0 * np.log10(np.max(gain) / gain[0]))
+    return over if over > _NO_PEAK else 0.0
 
 
 def possible_bandwidth(bandwidth: Parameter, axis: str) -> Parameter:
