@@ -329,11 +329,16 @@ def first_figures(result: FlightResult) -> list[Figure]:
 def _with_ends(figure: Figure) -> Figure:
     """Name start and end in the map, which takes less room than a legend."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
-    # A flight that ends near where it began must not write one over the other: the northern one has its name above.
+    # A flight that ends near where it began must not write one over the other: the northern one has its name above. Nor
+    # may a name reach into the scale of heights beside the map: it stands towards the middle.
     ends = sorted(
         (trace for trace in figure.data if trace["name"] in ("start", "end")), key=lambda trace: trace["y"][0]
     )
-    places = {trace["name"]: place for trace, place in zip(ends, ("bottom right", "top right"), strict=False)}
+    middle = float(np.mean(figure.layout["xaxis"]["range"]))
+    places = {
+        trace["name"]: f"{place} {'left' if trace['x'][0] > middle else 'right'}"
+        for trace, place in zip(ends, ("bottom", "top"), strict=False)
+    }
     named = {"mode": "markers+text", "cliponaxis": False}
     data = [
         trace | named | {"textposition": places[name], "text": [name]} if name in places else trace

@@ -104,6 +104,16 @@ def purposes(result: FlightResult) -> list[str]:
     return [line.purpose for line in result.answer.lines]
 
 
+def test_names_of_start_and_end_stand_towards_the_middle_of_the_map(kinds):
+    """At the edge they reached into the scale of heights beside it."""
+    figure = first_figures(kinds["good"])[0]
+    west, east = figure.layout["xaxis"]["range"]
+    ends = {trace["name"]: trace for trace in figure.data if trace["name"] in ("start", "end")}
+    sides = {name: ("right" if trace["x"][0] < 0.5 * (west + east) else "left") for name, trace in ends.items()}
+    assert {name: trace["textposition"].split()[1] for name, trace in ends.items()} == sides
+    assert len({trace["textposition"].split()[0] for trace in ends.values()}) == 2
+
+
 def test_pages_have_few_words(kinds):
     for name, result in kinds.items():
         page = page_of(result)
