@@ -334,7 +334,9 @@ def _fixes(frame: pd.DataFrame, fields: Fields, lag: float, name: str, remarks: 
     # Receivers that give no vertical speed have zeros in this column.
     read["v_d"] = down if np.any(down[np.isfinite(down)]) else np.full(len(t), np.nan)
     measured = ("lat", "lon", "alt", "v_n", "v_e", "v_d")
-    fixes = _clean_fixes(np.column_stack([read[column] for column in measured]), fix, name, remarks)
+    found = np.column_stack([read[column] for column in measured])
+    found[np.isnan(found[:, :2]).any(axis=1), :2] = np.nan  # half a position is none
+    fixes = _clean_fixes(found, fix, name, remarks)
     satellites, hdop = read["satellites"], read["hdop"]
     return {
         "t_valid": t - lag,

@@ -168,6 +168,12 @@ def test_accuracies_and_arrival_time_come_from_gpa():
     assert tables.gps["v_d"].isna().tolist() == [False, True]
 
 
+def test_half_a_position_is_none():
+    """A damaged longitude beside an intact latitude left a distance of nothing from there on."""
+    tables, _ = build({"GPS": gps([1, 2, 3], Lat=[47.0, 47.0, 47.0], Lng=[8.0, np.nan, 8.0])})
+    assert tables.gps[["lat", "lon"]].isna().to_numpy().tolist() == [[False, False], [True, True], [False, False]]
+
+
 def test_fixes_at_null_island_are_missing():
     frame = gps([1, 2, 3, 4], Lat=[0.0, 47.0, 47.0, 470.0], Lng=[0.0, 8.0, 8.0, 8.0], Status=[3, 3, 1, 3])
     tables, findings = build({"GPS": frame})
