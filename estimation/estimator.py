@@ -58,7 +58,7 @@ def without_frozen_fixes(tables: Tables) -> tuple[Tables, list[Finding]]:
         findings.append(
             _frozen("velocity", "turns or goes elsewhere", spans, "these velocities are", "messages and its driver")
         )
-    return (replace(tables, gps=gps), findings) if findings else (tables, findings)
+    return (tables.changed(gps=gps), findings) if findings else (tables, findings)
 
 
 def _during(gps: pd.DataFrame, spans: list[tuple[float, float]]) -> np.ndarray:

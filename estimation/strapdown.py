@@ -119,7 +119,7 @@ def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: Sensor
     turn = turn_of(known, known.tuned)
     if turn is None or not turn.suspected:
         return None
-    free = _Known.of(replace(tables, mag=None), replace(place, compass_useless=True), noise)
+    free = _Known.of(tables.changed(mag=None), replace(place, compass_useless=True), noise)
     turn = turn_of(free, replace(free.tuned, lags={"mag": known.tuned.lags["mag"], **free.tuned.lags}))
     return turn if turn is not None and (turn.certain or turn.doubtful) else None
 
@@ -139,11 +139,11 @@ def estimate_strapdown(
     mag = usable_field(tables.mag) is not None
     findings = [stuck_magnetometer()] if place.compass_useless else []
     if place.field is None or place.compass_useless:
-        tables = replace(tables, mag=None)
+        tables = tables.changed(mag=None)
     known = _Known.of(tables, place, noise)
     turn = _find_turn(known, tables, place, noise)
     if turn is not None and tables.mag is not None and turn.certain and not turn.exchanged:
-        tables = replace(tables, mag=turn.undone(tables.mag))
+        tables = tables.changed(mag=turn.undone(tables.mag))
         known = _Known.of(tables, place, noise)
     segments, tuned = known.segments, known.tuned
     observations = tuned.in_time(known.observations)
@@ -174,7 +174,6 @@ def estimate_strapdown(
     rows = [e.rows for e in done]
     # What comes now is as large as the IMU's samples, which nobody needs any more.
     del segments, known, segment, estimated, done
-    tables.release()
     if turn is not None:
         for stretch in rows:
             stretch.estimates.covariance[:, 2, 2, 2] += turn.unknown**2

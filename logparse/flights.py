@@ -154,14 +154,14 @@ def find_flights(tables: Tables) -> tuple[Flight, ...]:
 _PX4_ON_WINGS = (1, 2, 4)
 
 
-def wing_borne(tables: Tables) -> list[tuple[float, float]]:
+def wing_borne(tables: Tables, motors: pd.DataFrame) -> list[tuple[float, float]]:
     """Return when wings carried a QuadPlane: what its motors gave upwards would not have kept it in the air."""
     height = next((height for _, height in heights(tables)), None)
-    if height is None or tables.motors is None:
+    if height is None:
         return []
     tilting, levels = int(tables.parameters.get("Q_TILT_MASK", 0.0)), pwm_range(tables.parameters)
-    upright = [not tilting >> (int(str(name)[1:]) - 1) & 1 for name in tables.motors]
-    pulses = tables.motors.loc[:, upright if any(upright) else slice(None)].dropna(how="all")
+    upright = [not tilting >> (int(str(name)[1:]) - 1) & 1 for name in motors]
+    pulses = motors.loc[:, upright if any(upright) else slice(None)].dropna(how="all")
     t = pulses.index.to_numpy(np.float64)
     thrust = np.nanmean(levels.thrust(pulses.to_numpy(np.float64)), axis=1)
     flown = np.zeros(len(t), np.bool_)

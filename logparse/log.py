@@ -20,7 +20,8 @@ from core.summary import Summarised, listed
 from core.units import numbers
 from logparse.containers import Buffer, open_buffer, read_head
 from logparse.craft.quadplane import HoveringSource
-from logparse.messages import Messages, PassingMessages
+from logparse.kept import Kept
+from logparse.messages import IntactMessages, Messages
 from logparse.source import TELEMETRY, Boot, MessageSource
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
@@ -73,6 +74,8 @@ class FlightLog(Summarised):
     messages : Messages
         Mapping from message name to DataFrame, as logged: index `t` [s, boot clock], scaled columns, units of the
         columns in ``frame.attrs["units"]``.
+    intact : IntactMessages
+        The same without damaged values.
     """
 
     def __init__(self, path: Path, source: MessageSource, boot: Boot, findings: tuple[Finding, ...] = ()):
@@ -80,7 +83,9 @@ class FlightLog(Summarised):
         self.format = source.format
         self.boots = source.boots
         self.boot = boot
-        self.messages = Messages(source, boot)
+        self._kept = Kept(sum(source.counts(boot).values()))
+        self.messages = Messages(source, boot, self._kept)
+        self.intact = IntactMessages(self.messages, self._kept, checked=source.format in TELEMETRY)
         self._source = source
         self._own_findings = list(findings)
         self._shown: int | None = None
@@ -139,11 +144,9 @@ class FlightLog(Summarised):
 
     @cached_property
     def _built(self) -> tuple["Tables", Callable[[], tuple[Finding, ...]]]:
-        parameters, vehicle = self.parameters, self.vehicle
-        messages = PassingMessages(self.messages, canonical.TOGETHER, checked=self.format in TELEMETRY)
-        built = canonical.gather_tables(messages, format=self.format, parameters=parameters, vehicle=vehicle)
-        messages.release()
-        return built
+        return canonical.gather_tables(
+            self.intact, format=self.format, parameters=self.parameters, vehicle=self.vehicle, kept=self._kept
+        )
 
     @property
     def tables(self) -> "Tables":
@@ -426,7 +429,6 @@ def _possible(value: float) -> bool:
 def _parameters(messages: Messages) -> dict[str, float]:
     """Return the last value of each parameter that a boot logged."""
     if "PARM" in messages:
-        messages.load(("PARM", "MSG"))  # `FlightLog.vehicle` asks for the other: one pass over the file
         return _last_values(messages["PARM"], "Name", "Value")
     if "PARAM_VALUE" not in messages:
         return {}

@@ -11,8 +11,6 @@ import pandas as pd
 from core.findings import Finding, info, warning
 from core.quantity import counted
 
-#: Messages with more rows than this are large in memory: they are not kept unless somebody asked for them by name.
-LONG = 100_000
 #: Formats that were received by radio, whose every message has a checksum.
 TELEMETRY = ("tlog", "mavlink-raw")
 #: Columns that hold the instance of a sensor, by age of the firmware.

@@ -6,15 +6,17 @@ A value that was not logged or cannot be is NaN. A table that the log does not h
 """
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass
+from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
 from core.summary import Summarised, listed
+from logparse.kept import Kept
 
 #: Columns of each canonical table with their unit and meaning. Tables named here have exactly these columns,
 #: except `motors` and `esc`, which have one column (or one of each kind) per motor.
@@ -155,122 +157,134 @@ class Geodetic:
     alt: float
 
 
-#: A table and those of the other instances of its sensor.
+#: A table and those of the other instances of its sensor, and how they are built.
 Built = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
+Recipe = Callable[[], Built]
+#: How wanted columns are built one by one.
+Columns = Callable[[Collection[str]], Iterator["pd.Series[float]"]]
 
 
-@dataclass(frozen=True, slots=True)
-class LongTable:
-    """How to build a table of which an hour at 400 Hz is 1.4 million rows: several times the log, beside its messages.
-
-    `columns` yields wanted columns one by one, without the table.
-    """
-
-    build: Callable[[], Built]
-    columns: Callable[[Collection[str]], Iterator["pd.Series[float]"]] | None = None
-
-    def changed(self, change: Callable[[pd.DataFrame], pd.DataFrame]) -> "LongTable":
-        """Return the table as `change` leaves it, which must do to a column alone what it does to it among others."""
-        columns = self.columns
-
-        def build() -> Built:
-            table, others = self.build()
-            return None if table is None else change(table), others
-
-        def one_by_one(wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-            assert columns is not None
-            return (change(each.to_frame())[each.name] for each in columns(wanted))
-
-        return LongTable(build, None if columns is None else one_by_one)
-
-
-class _LongTables:
-    """Slots of `Tables` for the long ones, which are built when they are asked for: their own slots stay empty."""
-
-    __slots__ = ("_built", "_long", "_others")
-    _long: Mapping[str, LongTable]
-    _built: dict[str, Built]  # The one asked for last, until another is: two are as large as the log.
-    _others: Mapping[str, tuple[pd.DataFrame, ...]]
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            """Build what stands in an empty slot."""
-            if name == "_long":
-                return {}
-            if name == "further":
-                others = self._build("imu")[1]
-                return {**self._others, "imu": others} if others else self._others
-            if name not in self._long:
-                raise AttributeError(f"tables have no {name}")
-            return self._build(name)[0]
-
-    def _build(self, name: str) -> Built:
-        if name not in self._built:
-            self._built.clear()
-            table, others = self._long[name].build()
-            self._built[name] = (table if table is not None and len(table) else None), others
-        return self._built[name]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Tables(_LongTables, Summarised):
-    """The canonical tables of one log (see `COLUMNS`) and the parameters that say how they were sensed.
+class Tables(Summarised):
+    """The canonical tables of one log (see `COLUMNS`), built when they are asked for, as attributes of their names.
 
     `imu`, `gps`, `baro` and `mag` hold the first healthy instance of their sensor; the other instances are in
     `further`, by table name. Bursts of the batch sampler are in `further` too, as ``"gyro_batch"`` and
     ``"accel_batch"`` (columns `gyro_x` ... and `batch`, which counts the bursts), one table for each instance.
+
+    Parameters
+    ----------
+    further : mapping from str to tuple of DataFrame, optional
+        Tables of other instances, in place of those that are built.
+    parameters : mapping from str to float, optional
+        Parameters of the autopilot that say how the tables were sensed.
+    origin : Geodetic, optional
+        Place of the local frame's origin, or how to find it.
+    recipes : mapping, optional
+        How to build tables that are not given.
+    columns : mapping, optional
+        How to build those of which columns can be had one by one.
+    kept : Kept, optional
+        Where built tables are kept as long as there is room.
+    **tables : DataFrame or None
     """
 
-    motors: pd.DataFrame | None = None
-    imu: pd.DataFrame | None = None
-    gps: pd.DataFrame | None = None
-    baro: pd.DataFrame | None = None
-    mag: pd.DataFrame | None = None
-    battery: pd.DataFrame | None = None
-    esc: pd.DataFrame | None = None
-    attitude: pd.DataFrame | None = None
-    setpoints: pd.DataFrame | None = None
-    rates: pd.DataFrame | None = None
-    systemid: pd.DataFrame | None = None
-    ekf: pd.DataFrame | None = None
-    truth: pd.DataFrame | None = None
-    rangefinder: pd.DataFrame | None = None
-    modes: pd.DataFrame | None = None
-    events: pd.DataFrame | None = None
-    further: Mapping[str, tuple[pd.DataFrame, ...]] = field(default_factory=dict)
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    origin: Geodetic | None = None
+    motors: pd.DataFrame | None
+    imu: pd.DataFrame | None
+    gps: pd.DataFrame | None
+    baro: pd.DataFrame | None
+    mag: pd.DataFrame | None
+    battery: pd.DataFrame | None
+    esc: pd.DataFrame | None
+    attitude: pd.DataFrame | None
+    setpoints: pd.DataFrame | None
+    rates: pd.DataFrame | None
+    systemid: pd.DataFrame | None
+    ekf: pd.DataFrame | None
+    truth: pd.DataFrame | None
+    rangefinder: pd.DataFrame | None
+    modes: pd.DataFrame | None
+    events: pd.DataFrame | None
 
-    def with_long(self, long: Mapping[str, LongTable]) -> "Tables":
-        """Return the same tables with long ones in place of some, built when they are first asked for."""
-        made = replace(self)
-        for name, value in (("_long", long), ("_built", {}), ("_others", self.further)):
-            object.__setattr__(made, name, value)
-        for name in (*long, *(("further",) if "imu" in long else ())):
-            object.__delattr__(made, name)
-        return made
+    def __init__(
+        self,
+        *,
+        further: Mapping[str, tuple[pd.DataFrame, ...]] | None = None,
+        parameters: Mapping[str, float] | None = None,
+        origin: Geodetic | Callable[[], Geodetic | None] | None = None,
+        recipes: Mapping[str, Recipe] = MappingProxyType({}),
+        columns: Mapping[str, Columns] = MappingProxyType({}),
+        kept: Kept | None = None,
+        **tables: pd.DataFrame | None,
+    ):
+        if unknown := set(tables) - set(COLUMNS):
+            raise TypeError(f"there are no tables {listed(sorted(unknown))}")
+        self.parameters: Mapping[str, float] = parameters or {}
+        self._given, self._given_further, self._origin = tables, further, origin
+        self._recipes, self._columns, self._kept = recipes, columns, kept or Kept()
+
+    def __getattr__(self, name: str) -> pd.DataFrame | None:
+        if name not in COLUMNS:
+            raise AttributeError(f"tables have no {name}")
+        return self._given[name] if name in self._given else self._built(name)[0]
+
+    def _built(self, name: str) -> Built:
+        if name in self._columns:
+            return self._kept.get(name, lambda: (framed(self._one_by_one(name, COLUMNS[name])), ()))
+        return self._kept.get(name, self._recipes[name]) if name in self._recipes else (None, ())
+
+    def _one_by_one(self, name: str, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+        return (column for column in self._columns[name](wanted) if len(column))
+
+    @cached_property
+    def origin(self) -> Geodetic | None:
+        """Place of the local frame's origin."""
+        return self._origin() if callable(self._origin) else self._origin
+
+    @property
+    def further(self) -> Mapping[str, tuple[pd.DataFrame, ...]]:
+        """Tables of the other instances of sensors, and bursts of the batch sampler, by name."""
+        if self._given_further is not None:
+            return self._given_further
+        found = {name: self.others(name) for name in self._recipes}
+        return {name: others for name, others in found.items() if others}
+
+    def others(self, name: str) -> tuple[pd.DataFrame, ...]:
+        """Return the tables of `further` by this name, without building others."""
+        return self._built(name)[1] if self._given_further is None else self._given_further.get(name, ())
+
+    def changed(self, **changes: Any) -> "Tables":
+        """Return the same tables with some in place of others.
+
+        Parameters
+        ----------
+        **changes
+            As `Tables` takes them.
+        """
+        same = {"further": self._given_further, "parameters": self.parameters, "origin": self._origin, **self._given}
+        built = {"recipes": self._recipes, "columns": self._columns, "kept": self._kept}
+        return Tables(**(built | same | changes))
+
+    def __reduce__(self) -> tuple[Callable[..., "Tables"], tuple[Mapping[str, object]]]:
+        # A copy for another process has no way to build anything.
+        built = {name: getattr(self, name) for name in COLUMNS}
+        rest = {"further": self.further, "parameters": self.parameters, "origin": self.origin}
+        return _of_parts, (built | rest,)
 
     def summary(self) -> dict[str, str]:
         """Return the rows and columns of each table that the log has."""
-        found = {each.name: getattr(self, each.name) for each in fields(self)}
+        found = {name: getattr(self, name) for name in COLUMNS}
         return {
             name: f"{len(table)} rows of {listed(tuple(map(str, table.columns)))}"
             for name, table in found.items()
-            if isinstance(table, pd.DataFrame)
+            if table is not None
         }
 
     def has(self, name: str) -> bool:
-        """Whether the log has a table; a long one need not be built for that."""
-        return name in self._long or getattr(self, name) is not None
-
-    def others(self, name: str) -> tuple[pd.DataFrame, ...]:
-        """Return the tables of `further` by this name, without building the IMU's, which is long, for another."""
-        further = self._others if "imu" in self._long and name != "imu" else self.further
-        return further.get(name, ())
+        """Whether the log has a table; of one whose columns can be had one by one no more than one is built."""
+        return self.times(name) is not None
 
     def columns(self, name: str, wanted: Collection[str] | None = None) -> Iterator["pd.Series[float]"]:
-        """Yield columns of a table one by one, of a long one no more than one in memory; none without the table.
+        """Yield columns of a table one by one, built without the others where they can be; none without the table.
 
         Parameters
         ----------
@@ -279,9 +293,8 @@ class Tables(_LongTables, Summarised):
         wanted : collection of str, optional
             Names of the columns, in the order in which they come; all by default.
         """
-        long = self._long.get(name)
-        if long is not None and long.columns is not None and name not in self._built:
-            yield from long.columns(list(COLUMNS[name]) if wanted is None else wanted)
+        if name in self._columns and name not in self._given and name not in self._kept:
+            yield from self._one_by_one(name, list(COLUMNS[name]) if wanted is None else wanted)
             return
         table = getattr(self, name)
         if table is not None:
@@ -297,11 +310,9 @@ class Tables(_LongTables, Summarised):
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
         """Return the times of a table's rows, s; None without the table."""
-        lean = name in self._long and self._long[name].columns is not None
-        found = self.column(name, next(iter(COLUMNS[name]))) if lean else getattr(self, name)
-        return None if found is None else found.index.to_numpy(np.float64)
+        table = self.column(name, next(iter(COLUMNS[name]))) if name in self._columns else getattr(self, name)
+        return None if table is None else table.index.to_numpy(np.float64)
 
-    def release(self, keep: str = "") -> None:
-        """Release the long table that is kept, unless it is `keep`: it is built anew when it is asked for again."""
-        if self._long and keep not in self._built:
-            self._built.clear()
+
+def _of_parts(parts: Mapping[str, Any]) -> Tables:
+    return Tables(**parts)

@@ -1,8 +1,7 @@
 """Canonical tables: one meaning, unit and frame per column, from the messages of any autopilot and age."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Callable, Collection, Iterator, Mapping
+from functools import cached_property, partial
 
 import numpy as np
 import pandas as pd
@@ -10,30 +9,20 @@ import pandas as pd
 from core.findings import Finding, Severity, info, warning
 from core.quantity import counted, joined
 from logparse.canonical import actuators, control, events, sensors
-from logparse.canonical.batches import batches
-from logparse.canonical.fields import Kind, Messages, Sender, Sensor, first
+from logparse.canonical.batches import BURSTS, bursts
+from logparse.canonical.fields import Kind, Messages, Sender, first
 from logparse.canonical.remarks import Remarks
 from logparse.craft.frames import Vehicle
 from logparse.flights import wing_borne, wing_borne_px4
-from logparse.source import LONG
-from logparse.tables import COLUMNS, LongTable, Tables, framed
+from logparse.kept import Kept
+from logparse.tables import Built, Columns, Geodetic, Tables
 
-__all__ = ["TOGETHER", "gather_tables"]
-
-#: DataFlash messages of which there may be a row for every step of the fast loop.
-_IMU = ("IMU", "IMU2", "IMU3", "ACC1", "ACC", "GYR1", "GYR")
-_RATES = ("RATE", "PIDR", "PIDP", "PIDY")
-_TARGETS = ("ATT", "ANG", "PSCN", "PSCE", "PSCD")
-
-#: Messages that `gather_tables` reads wherever they are logged, but for the above and bursts of samples.
-TOGETHER = (
-    *("RCOU", "RCO2", "RCO3", "GPS", "GPS2", "GPA", "GPA2", "BARO", "BAR2", "BAR3", "MAG", "MAG2", "MAG3"),
-    *("BAT", "BAT2", "CURR", "CUR2", "ESC", "RFND", "ATT", "ANG", "CTUN", "PSCN", "PSCE", "PSCD", "XKF1", "XKF4"),
-    *("SIM", "SIM2", "SIDD", "SIDS", "ORGN", "MODE", "EV", "ERR"),
-)
+__all__ = ["gather_tables"]
 
 #: Messages that hold servo outputs.
 _OUTPUTS = ("RCOU", "MOT", "SERVO_OUTPUT_RAW", "actuator_outputs")
+#: What is measured of rates, whatever carries the craft.
+_MEASURED = ("w_x", "w_y", "w_z", "a_up")
 
 
 def gather_tables(
@@ -42,151 +31,148 @@ def gather_tables(
     format: str,  # noqa: A002 -- the public argument's name
     parameters: Mapping[str, float],
     vehicle: Vehicle,
+    kept: Kept | None = None,
 ) -> tuple[Tables, Callable[[], tuple[Finding, ...]]]:
-    """Return the canonical tables of one boot, the longest of which are built when they are asked for.
+    """Return the canonical tables of one boot, which are built when they are asked for and kept in `kept`.
 
     The function beside them returns what had to be left out or assumed, and builds what is not yet built for it.
     """
-    remarks = Remarks()
-    said: dict[str, Remarks] = {}  # Of long tables, when they are built.
     kind = {"ulog": Kind.PX4}.get(format, Kind.DATAFLASH if format.startswith("dataflash") else Kind.TELEMETRY)
-    damaged: Mapping[str, int] = getattr(messages, "damaged", {})
-    messages = Sender(messages) if kind is Kind.TELEMETRY else messages
-    long: Mapping[str, LongTable] = _long_tables(messages, vehicle, said) if kind is Kind.DATAFLASH else {}
-    tables = _build(messages, kind, parameters, vehicle, remarks, long)
-    wings: list[tuple[float, float]] = []
-    if vehicle.motors and tables.motors is not None:
-        if vehicle.firmware == "ArduPlane":
-            wings = wing_borne(tables)
-        elif kind is Kind.PX4:
-            wings = wing_borne_px4(messages.get("vtol_vehicle_status"))
-    if wings:
-        tables, long = _without_wings(tables, long, wings, remarks)
-    # A table without a row says no more than a missing one.
-    empty = {name: None for name in COLUMNS if (table := getattr(tables, name)) is not None and len(table) == 0}
-    tables = replace(tables, **empty) if empty else tables  # type: ignore[arg-type]
-    if long:
-        tables = tables.with_long(long)
-    _remark_frame(messages, vehicle, remarks)
+    builder = _Builder(Sender(messages) if kind is Kind.TELEMETRY else messages, kind, parameters, vehicle, kept)
+    return builder.tables, builder.findings
 
-    def findings() -> tuple[Finding, ...]:
-        if "imu" in long and "imu" not in said:
-            tables.imu  # noqa: B018 -- kept for who asks for the table next
+
+class _Builder:
+    """Builds the tables of one boot, and remembers what had to be left out or assumed for each."""
+
+    def __init__(
+        self, messages: Messages, kind: Kind, parameters: Mapping[str, float], vehicle: Vehicle, kept: Kept | None
+    ):
+        self._messages, self._kind, self._parameters, self._vehicle = messages, kind, parameters, vehicle
+        self._remarks: dict[str, Remarks] = {}
+        dataflash = kind is Kind.DATAFLASH
+        columns: dict[str, Columns] = {}
+        if dataflash:
+            columns["setpoints"] = partial(control.setpoint_columns, messages, vehicle)
+        if dataflash and "RATE" in messages:
+            columns["rates"] = self._rate_columns
+        self._recipes: dict[str, Callable[[Remarks], Built | pd.DataFrame | None]] = {
+            "imu": lambda remarks: sensors.imu(messages, kind, remarks),
+            "gps": lambda remarks: sensors.gps(messages, kind, parameters, vehicle, remarks),
+            "baro": lambda remarks: sensors.baro(messages, kind, parameters, remarks),
+            "mag": lambda remarks: sensors.mag(messages, kind, parameters, remarks),
+            "battery": lambda remarks: sensors.battery(messages, kind, remarks),
+            "motors": lambda remarks: actuators.motors(messages, kind, parameters, vehicle, remarks),
+            "esc": lambda _: actuators.esc(messages, kind, vehicle.motors),
+            "attitude": lambda _: control.attitude(messages, kind),
+            "setpoints": lambda _: control.setpoints(messages, kind, vehicle, self._place, self.tables.attitude),
+            "rates": lambda _: control.rates(messages, kind),
+            "systemid": lambda _: control.systemid(messages, kind),
+            "ekf": lambda _: self._estimate(),
+            "truth": lambda _: control.truth(messages) if dataflash else None,
+            "rangefinder": lambda remarks: sensors.rangefinder(messages, kind, remarks),
+            "modes": lambda _: events.modes(messages, kind, vehicle.firmware),
+            "events": lambda _: events.events(messages, kind),
+        }
+        self.tables = Tables(
+            recipes={name: partial(self._build, name) for name in self._recipes}
+            | ({name: partial(_bursts, messages, name) for name in BURSTS} if dataflash else {}),
+            columns=columns,
+            kept=kept,
+            parameters=parameters,
+            origin=self._origin,
+        )
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what had to be left out or assumed."""
         together = Remarks()
-        for each in (remarks, *said.values()):
-            together.take(each)
-        return (*together.findings(), *_left_out(damaged))
+        for name in self._recipes:
+            if name not in self._remarks and name not in ("setpoints", "rates"):  # of which there is nothing to say
+                getattr(self.tables, name)
+            together.take(self._remarks.get(name, Remarks()))
+        together.take(self._wings[1])
+        _remark_frame(self._messages, self._vehicle, together)
+        return (*together.findings(), *_left_out(getattr(self._messages, "damaged", {})))
 
-    return tables, findings
+    def _build(self, name: str) -> Built:
+        remarks = self._remarks[name] = Remarks()
+        built = self._recipes[name](remarks)
+        table, others = built if isinstance(built, tuple) else (built, ())
+        if name in ("motors", "rates") and table is not None and self._wings[0]:
+            table = self._hover(table)
+        # A table without a row says no more than a missing one.
+        return (table if table is not None and len(table) else None), others
+
+    def _rate_columns(self, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+        columns = control.rate_columns(self._messages, wanted)
+        return (self._hover(each.to_frame())[each.name] for each in columns) if self._wings[0] else columns
+
+    def _estimate(self) -> pd.DataFrame | None:
+        """Return what the autopilot's filter knew."""
+        needed = self._kind is not Kind.DATAFLASH
+        attitude, place = (self.tables.attitude, self._place) if needed else (None, None)
+        return control.estimate(self._messages, self._kind, self._parameters, attitude, place)
+
+    @cached_property
+    def _logged_origin(self) -> Geodetic | None:
+        return control.logged_origin(self._messages, self._kind)
+
+    @property
+    def _place(self) -> Geodetic | None:
+        """Origin of positions in latitude and longitude."""
+        if self._logged_origin or first(self._messages, "LOCAL_POSITION_NED", "vehicle_local_position") is not None:
+            return self._logged_origin
+        return control.origin_of_fixes(self.tables.gps, None)
+
+    def _origin(self) -> Geodetic | None:
+        known = self._place if self._kind is Kind.TELEMETRY else self._logged_origin
+        return known or control.origin_of_fixes(self.tables.gps, self.tables.ekf)
+
+    @cached_property
+    def _wings(self) -> tuple[list[tuple[float, float]], Remarks]:
+        """When wings carried a VTOL, and the remark that they did."""
+        wings, remarks = [], Remarks()
+        px4, plane = self._kind is Kind.PX4, self._vehicle.firmware == "ArduPlane"
+        if not self._vehicle.motors or not (px4 or plane):
+            return [], remarks
+        motors = actuators.motors(self._messages, self._kind, self._parameters, self._vehicle, Remarks())
+        if motors is None or not len(motors):
+            return [], remarks
+        wings = wing_borne(self.tables, motors) if plane else wing_borne_px4(self._messages.get("vtol_vehicle_status"))
+        if wings:
+            end = float(motors.index[-1])
+            seconds = sum(min(stop, end) - min(start, end) for start, stop in wings)
+            remarks.add(
+                info(
+                    "wing-borne",
+                    f"Wings carried the craft for {seconds:.0f} s, from {wings[0][0]:.0f} s on: its motors and their "
+                    "controllers are looked at in hover only, the fixed wing's are not.",
+                    seconds=seconds,
+                )
+            )
+        return wings, remarks
+
+    def _hover(self, rows: pd.DataFrame) -> pd.DataFrame:
+        """Drop what controllers and motors of a VTOL's hover put out while its wings carried it."""
+        t, inside = rows.index.to_numpy(np.float64), np.zeros(len(rows), np.bool_)
+        for start, stop in self._wings[0]:
+            inside |= (t >= start) & (t <= stop)
+        return rows.mask(inside[:, None] & ~rows.columns.isin(_MEASURED))
 
 
 def _left_out(damaged: Mapping[str, int]) -> Iterator[Finding]:
     """Report the values that were left out as damaged, by message."""
-    if removed := sum(damaged.values()):
+    if names := sorted(name for name, count in damaged.items() if count):
+        removed = sum(damaged.values())
         yield info(
             "impossible-values",
-            f"{counted(removed, 'value')} of {joined(sorted(damaged))} stood alone, far off the rows beside: taken as "
-            "missing.",
+            f"{counted(removed, 'value')} of {joined(names)} stood alone, far off the rows beside: taken as missing.",
             removed=removed,
         )
 
 
-#: What is measured of rates, whatever carries the craft.
-_MEASURED = ("w_x", "w_y", "w_z", "a_up")
-
-
-def _without_wings(
-    tables: Tables, long: Mapping[str, LongTable], wings: Sequence[tuple[float, float]], remarks: Remarks
-) -> tuple[Tables, Mapping[str, LongTable]]:
-    """Drop what controllers and motors of a VTOL's hover put out while its wings carried it."""
-
-    def hover(rows: pd.DataFrame) -> pd.DataFrame:
-        t, inside = rows.index.to_numpy(np.float64), np.zeros(len(rows), np.bool_)
-        for start, stop in wings:
-            inside |= (t >= start) & (t <= stop)
-        return rows.mask(inside[:, None] & ~rows.columns.isin(_MEASURED))
-
-    if "rates" in long:
-        long = {**long, "rates": long["rates"].changed(hover)}
-    motors, measured = tables.motors, tables.rates if "rates" not in long else None
-    assert motors is not None  # without them no wing is looked for
-    end = float(motors.index[-1])
-    seconds = sum(min(stop, end) - min(start, end) for start, stop in wings)
-    remarks.add(
-        info(
-            "wing-borne",
-            f"Wings carried the craft for {seconds:.0f} s, from {wings[0][0]:.0f} s on: its motors and their "
-            "controllers are looked at in hover only, the fixed wing's are not.",
-            seconds=seconds,
-        )
-    )
-    return replace(tables, motors=hover(motors), rates=None if measured is None else hover(measured)), long
-
-
-def _long_tables(messages: Messages, vehicle: Vehicle, said: dict[str, Remarks]) -> dict[str, LongTable]:
-    """Return how to build the tables that are long; `said` gets what building them has to say."""
-    counts: Mapping[str, int] = getattr(messages, "counts", {})
-
-    def inertial() -> Sensor:
-        said["imu"] = Remarks()
-        return sensors.imu(messages, Kind.DATAFLASH, said["imu"])
-
-    found = {}
-    if sum(counts.get(name, 0) for name in _IMU) >= LONG:
-        found["imu"] = LongTable(inertial)
-    if sum(counts.get(name, 0) for name in _RATES) >= LONG:
-        columns = partial(control.rate_columns, messages) if "RATE" in messages else None
-        found["rates"] = LongTable(lambda: (control.rates(messages, Kind.DATAFLASH), ()), columns)
-    if max(counts.get(name, 0) for name in _TARGETS) >= LONG:
-        # Targets of all rates on the times of the fastest: three times as many numbers as were logged.
-        targets = partial(control.setpoint_columns, messages, vehicle)
-        found["setpoints"] = LongTable(lambda: (framed(targets(COLUMNS["setpoints"])), ()), targets)
-    return found
-
-
-def _build(
-    messages: Messages,
-    kind: Kind,
-    parameters: Mapping[str, float],
-    vehicle: Vehicle,
-    remarks: Remarks,
-    long: Mapping[str, LongTable],
-) -> Tables:
-    """Build all tables that the messages allow, but for long ones."""
-    imu: Sensor = (None, ()) if "imu" in long else sensors.imu(messages, kind, remarks)
-    found = {
-        "imu": imu,
-        "gps": sensors.gps(messages, kind, parameters, vehicle, remarks),
-        "baro": sensors.baro(messages, kind, parameters, remarks),
-        "mag": sensors.mag(messages, kind, parameters, remarks),
-        "battery": sensors.battery(messages, kind, remarks),
-    }
-    gps, _ = found["gps"]
-    attitude = control.attitude(messages, kind)
-    origin = control.logged_origin(messages, kind)
-    if origin is None and first(messages, "LOCAL_POSITION_NED", "vehicle_local_position") is None:
-        place = control.origin_of_fixes(gps, None)  # of positions in latitude and longitude
-    else:
-        place = origin
-    ekf = control.estimate(messages, kind, parameters, attitude, place)
-    dataflash = kind is Kind.DATAFLASH
-    return Tables(
-        **{name: table for name, (table, _) in found.items()},
-        motors=actuators.motors(messages, kind, parameters, vehicle, remarks),
-        esc=actuators.esc(messages, kind, vehicle.motors),
-        attitude=attitude,
-        setpoints=None if "setpoints" in long else control.setpoints(messages, kind, vehicle, place, attitude),
-        rates=None if "rates" in long else control.rates(messages, kind),
-        systemid=control.systemid(messages, kind),
-        ekf=ekf,
-        truth=control.truth(messages) if dataflash else None,
-        rangefinder=sensors.rangefinder(messages, kind, remarks),
-        modes=events.modes(messages, kind, vehicle.firmware),
-        events=events.events(messages, kind),
-        further={name: more for name, (_, more) in found.items() if more} | (batches(messages) if dataflash else {}),
-        parameters=parameters,
-        origin=origin or (place if kind is Kind.TELEMETRY else None) or control.origin_of_fixes(gps, ekf),
-    )
+def _bursts(messages: Messages, name: str) -> Built:
+    return None, bursts(messages, name)
 
 
 def _remark_frame(messages: Messages, vehicle: Vehicle, remarks: Remarks) -> None:

@@ -16,10 +16,8 @@ from logparse.canonical.fields import (
     first,
     has,
     instances,
-    names_of,
     quaternion_angles,
     rows_of,
-    some_fields,
     table,
     value,
     values,
@@ -225,7 +223,7 @@ def setpoints(
 ) -> pd.DataFrame | None:
     """Targets of position, velocity, attitude and throttle, on the times of the most frequent of their messages."""
     parts = {
-        Kind.DATAFLASH: lambda: _dataflash_targets(messages, vehicle),
+        Kind.DATAFLASH: lambda: _dataflash_targets(messages, vehicle, COLUMNS["setpoints"]),
         Kind.TELEMETRY: lambda: _telemetry_targets(messages, place, angles),
         Kind.PX4: lambda: _px4_targets(messages),
     }[kind]()
@@ -234,22 +232,23 @@ def setpoints(
 
 def setpoint_columns(messages: Messages, vehicle: Vehicle, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
     """Columns of the table that `setpoints` makes of DataFlash, one by one, in the order wanted."""
-    return joined_columns(_dataflash_targets(messages, vehicle), wanted, gap=_GAP[Kind.DATAFLASH])
+    return joined_columns(_dataflash_targets(messages, vehicle, wanted), wanted, gap=_GAP[Kind.DATAFLASH])
 
 
-def _dataflash_targets(messages: Messages, vehicle: Vehicle) -> Iterator[pd.DataFrame]:
+def _dataflash_targets(messages: Messages, vehicle: Vehicle, wanted: Collection[str]) -> Iterator[pd.DataFrame]:
+    """Yield what each message says of the wanted targets, and its times where it says nothing of them."""
     rows = [{name: fields} for name, fields in _SINCE_4_1.items()]
     if not any(name in messages for name in _SINCE_4_1):
         rows = [_HORIZONTAL, _VERTICAL]
     for row in rows:
         for name, fields in row.items():
             if name in messages and has(messages[name], next(iter(fields.values()))):
-                there = {column: field for column, field in fields.items() if has(messages[name], field)}
-                yield table(messages[name], there)
+                frame = messages[name]
+                yield table(frame, {c: field for c, field in fields.items() if c in wanted and has(frame, field)})
                 break
     for name in ("ATT", "ANG"):
-        if name in messages and has(frame := some_fields(messages, name, names_of(_ASKED)), _ASKED["roll"]):
-            yield table(frame, _ASKED)
+        if name in messages and has(frame := messages[name], _ASKED["roll"]):
+            yield table(frame, {column: field for column, field in _ASKED.items() if column in wanted})
     if (throttle := throttle_output(messages, vehicle)) is not None:
         yield throttle
 
@@ -367,7 +366,7 @@ def rates(messages: Messages, kind: Kind) -> pd.DataFrame | None:
     if kind is Kind.DATAFLASH:
         if "RATE" not in messages:
             return _rates_from_pid(messages)
-        frame = some_fields(messages, "RATE", names_of(_RATE))
+        frame = messages["RATE"]
         return series(frame.index, ((name, value(frame, field)) for name, field in _RATE.items()))
     for name, fields in _BODY_RATES[kind].items():
         logged = first(messages, name)
@@ -382,7 +381,7 @@ def rates(messages: Messages, kind: Kind) -> pd.DataFrame | None:
 
 def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
     """Columns of the table that `rates` makes of RATE, one by one, in the order wanted."""
-    frame = some_fields(messages, "RATE", names_of({name: _RATE[name] for name in wanted}))
+    frame = messages["RATE"]
     return columns_of(frame.index, ((name, value(frame, _RATE[name])) for name in wanted))
 
 

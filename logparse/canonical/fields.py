@@ -14,7 +14,7 @@ import pandas as pd
 from core.units import numbers, quantity
 from logparse.canonical.series import ANGLES, Array, euler_angles, series, wrap
 from logparse.craft.vehicle import vehicle_heartbeats
-from logparse.messages import MessageView, PassingMessages
+from logparse.messages import MessageView
 from logparse.source import INSTANCE_NAMES
 
 
@@ -26,7 +26,7 @@ class Kind(Enum):
     PX4 = "px4"
 
 
-Messages = Mapping[str, pd.DataFrame]
+Messages = MessageView
 #: Columns of a canonical table and where a message has them.
 Fields = Mapping[str, str]
 #: A table of the first healthy instance of a sensor, and those of the others.
@@ -119,11 +119,6 @@ def quaternion_angles(frame: pd.DataFrame, name: str, numbered: range) -> dict[s
     return dict(zip(ANGLES, euler_angles(*(value(frame, name.format(k)) for k in numbered)), strict=True))
 
 
-def some_fields(messages: Messages, name: str, fields: Collection[str] | None) -> pd.DataFrame:
-    """Return a message; of a long one only `fields`, for the others would take memory for nothing."""
-    return messages.once(name, fields) if isinstance(messages, PassingMessages) else messages[name]
-
-
 def instances(
     messages: Messages, *names: str, fields: Collection[str] | None = None
 ) -> Iterator[tuple[str, pd.DataFrame]]:
@@ -134,7 +129,7 @@ def instances(
     for name in names:
         if name not in messages:
             continue
-        frame = some_fields(messages, name, fields)
+        frame = messages[name] if fields is None else messages.part(name, fields)
         column = instance_column(frame)
         if column is None:
             if len(frame):

@@ -2,7 +2,7 @@
 
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -153,10 +153,11 @@ _HEALTHY = (("GH", "AH"), ("GyHlt", "AcHlt"), ("H",), ("Health",))
 _UNHEALTHY = "sensor marked unhealthy by the autopilot"
 
 
-def _found(messages: Messages, kind: Kind, place: tuple[tuple[str, ...], Fields]) -> list[tuple[str, pd.DataFrame]]:
+def _found(
+    messages: Messages, kind: Kind, place: tuple[tuple[str, ...], Fields], wanted: Collection[str] | None = None
+) -> list[tuple[str, pd.DataFrame]]:
     """List the instances of a sensor with their names; of PX4, whose older topics hold it once more, the first."""
     names, fields = place
-    wanted = names_of(fields) | {*INSTANCE_NAMES, "SampleUS", *itertools.chain(*_HEALTHY)}
     found = [
         (name, frame)
         for name, frame in instances(messages, *names, fields=wanted)
@@ -177,7 +178,8 @@ def _unhealthy(values: Array, frame: pd.DataFrame, name: str, remarks: Remarks) 
 def imu(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
     """Angular rate and specific force; of GYR and ACC where a DataFlash log has no IMU."""
     tables: list[pd.DataFrame] = []
-    for name, frame in _found(messages, kind, _IMU[kind]):
+    wanted = names_of(_IMU[kind][1]) | {*INSTANCE_NAMES, *itertools.chain(*_HEALTHY)}
+    for name, frame in _found(messages, kind, _IMU[kind], wanted):
         if name == "SCALED_IMU" and tables:
             continue  # what RAW_IMU has
         pieces = quantities(frame, plain(_IMU[kind][1]), _PIECE)

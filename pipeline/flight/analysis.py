@@ -133,7 +133,6 @@ def analyze_flights(
         progress(NEXT_FLIGHT, 1.0 / len(logs))
         called = flight_name(name, number, len(logs))
         result = _analyze(log, config, progress, called, sha256, trajectories, alone=alone, announce=announce)
-        log.tables.release()
         yield replace(result, log=replace(result.log, flight_number=number, flight_count=len(logs)))
 
 
@@ -194,7 +193,6 @@ def _analyze(
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     apart = Stages(silent if alone else progress, config.time_limit)
     aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, part, apart))
-    tables.release(keep="imu")
     if isinstance(trajectories.get(log.boot), Failure | None):
         trajectories[log.boot] = stages.run(
             "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
@@ -203,8 +201,6 @@ def _analyze(
     # What contradicts its own sensors is no result; what it found out about them is.
     contradicted = isinstance(estimated, estimation.Trajectory) and estimated.inconsistency
     trajectory = Failure("trajectory", contradicted) if contradicted else estimated
-    # Where the fast loop is logged its tables are as large as the log: not needed at a time, they are built again.
-    tables.release()
     if isinstance(flight, Failure) and isinstance(trajectory, Failure):
         stages.raise_unforeseen("flight", "trajectory")
         raise MissingDataError(f"{flight.reason}; no trajectory either: {trajectory.reason}")
@@ -272,7 +268,6 @@ def _without_trajectory(
     """Look at what needs no trajectory: how the craft turns, and its motors."""
     if isinstance(sound, Failure):
         return _WithoutTrajectory(sound, sound, stages)
-    log.tables.release()
     rotation = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
     motors = stages.run("account", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
@@ -322,7 +317,6 @@ def _fit(
     unfit = trajectory.unknown_position(flight.start, flight.stop)
     for kind in KINDS:
         record = _record(kind, log, trajectory, part, config, name, experiments.values(), stages)
-        log.tables.release()
         if isinstance(record, Failure):
             failure = Failure(record.stage, record.reason.removeprefix(f"{name}: "))
             models.append(without_model(kind, failure))
@@ -379,12 +373,10 @@ def _measured(
     if isinstance(trajectory, Failure):
         return trajectory
     records = fitted.experiments.values()
-    coverage = stages.run(
+    return stages.run(
         "coverage",
         lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, account=account, rates=rates),
     )
-    log.tables.release()
-    return coverage
 
 
 def _autopilot(

@@ -337,7 +337,7 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
 
 def _lifting(log: FlightLog, imu: pd.DataFrame) -> tuple[pd.Series, str]:
     """Return what lifted the craft, and what it is where it is not the throttle output."""
-    throttle, motors = throttle_output(log.messages, log.vehicle), motor_patterns(log)
+    throttle, motors = throttle_output(log.intact, log.vehicle), motor_patterns(log)
     sources = [] if throttle is None else [(throttle["throttle"].dropna(), "")]
     sources += [(thrust.dropna(), "") for thrust in log.tables.columns("rates", ["out_thrust"])]
     sources += [] if motors is None else [(motors["out_thrust"].dropna(), "motor outputs to accelerometer")]

@@ -83,7 +83,6 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
     columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
     # In single precision, as the fast loop is logged: all in double are the largest thing in memory.
     known = {str(column.name): column.to_numpy()[rows].astype(np.float32) for column in columns}
-    log.tables.release(keep="imu")  # what the columns were made of is as large as they are
     logged = {name: values for name, values in known.items() if np.isfinite(values).any()}
     return RateSignals(t[rows], logged, "RATE" in log.messages)
 

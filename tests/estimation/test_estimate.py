@@ -1,7 +1,5 @@
 """The strapdown estimate judged by simulated truth and by its own covariance, and what it makes of poor input."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -24,7 +22,7 @@ def trajectory(flight):
 def later(tables: Tables, start: float) -> Tables:
     """Return the log as if it had been started in the air."""
     names = ("imu", "gps", "baro", "mag", "attitude")
-    return replace(tables, **{name: getattr(tables, name)[getattr(tables, name).index > start] for name in names})
+    return tables.changed(**{name: getattr(tables, name)[getattr(tables, name).index > start] for name in names})
 
 
 def test_trajectory_has_the_promised_columns(trajectory, flight):
@@ -51,7 +49,7 @@ def test_rates_and_forces_are_free_of_bias(trajectory, flight):
 
 def test_the_time_of_the_imu_is_shifted_by_its_filter(flight, trajectory):
     """Without the parameters the delay is not known, and turning with 11 ms of lag costs attitude."""
-    blind = estimate(replace(flight.tables, parameters={}))
+    blind = estimate(flight.tables.changed(parameters={}))
     assert trajectory.diagnostics["gyro_delay"] == pytest.approx(0.01125, rel=1e-3)
     assert blind.diagnostics["gyro_delay"] == 0.0
     assert compare(trajectory, flight.settled()).tilt < compare(blind, flight.settled()).tilt
@@ -64,7 +62,7 @@ def test_a_known_lag_is_left_alone(trajectory):
 
 def test_an_outage_is_bridged(flight):
     gps = flight.tables.gps
-    cut = estimate(replace(flight.tables, gps=gps[(gps.index < 50.0) | (gps.index > 70.0)]))
+    cut = estimate(flight.tables.changed(gps=gps[(gps.index < 50.0) | (gps.index > 70.0)]))
     error = errors(cut, flight.truth)
     inside = error[(error.index > 50.0) & (error.index < 70.0)]
     assert np.hypot(inside["p_n"], inside["p_e"]).max() < 3.0
@@ -74,7 +72,7 @@ def test_an_outage_is_bridged(flight):
 def test_a_glitch_leaves_no_trace(flight, trajectory):
     gps = flight.tables.gps.copy()
     gps.loc[60.0:63.0, "lat"] += 15.0 / 6.37e6
-    glitched = estimate(replace(flight.tables, gps=gps))
+    glitched = estimate(flight.tables.changed(gps=gps))
     clean = compare(trajectory, flight.settled()).horizontal_position
     assert compare(glitched, flight.settled()).horizontal_position == pytest.approx(clean, rel=0.01)
     assert [f.id for f in glitched.findings] == ["sensor-doubtful"]
@@ -84,7 +82,7 @@ def test_a_glitch_leaves_no_trace(flight, trajectory):
 def test_other_sensors_make_good_what_is_missing(flight):
     """Each sensor's absence is told, and costs only what it alone knew."""
     for name in ("mag", "baro"):
-        result = estimate(replace(flight.tables, **{name: None}))
+        result = estimate(flight.tables.changed(**{name: None}))
         assert [(f.id, f.evidence["what"]) for f in result.findings] == [("not-logged", name)]
         error = compare(result, flight.settled())
         assert error.horizontal_velocity < 0.1
@@ -95,13 +93,13 @@ def test_other_sensors_make_good_what_is_missing(flight):
 @pytest.mark.parametrize("heading", [0.4, 2.9])
 def test_heading_without_magnetometer_or_autopilot_comes_from_movement(heading):
     flight = fly(6, duration=80.0, heading=heading)
-    result = estimate(replace(flight.tables, mag=None, attitude=None))
+    result = estimate(flight.tables.changed(mag=None, attitude=None))
     assert result.diagnostics["yaw_source"] == ["movement"]
     assert np.degrees(compare(result, flight.settled()).yaw) < 1.0
 
 
 def test_without_gps_the_sigma_says_that_position_drifts(flight):
-    result = estimate(replace(flight.tables, gps=None))
+    result = estimate(flight.tables.changed(gps=None))
     assert [f.id for f in result.findings] == ["not-logged"]
     last = errors(result, flight.truth).iloc[-1]
     sigma = result.sigma.iloc[-1]
@@ -114,7 +112,7 @@ def test_without_gps_the_sigma_says_that_position_drifts(flight):
 @pytest.mark.parametrize("attitude", [True, False])
 def test_a_log_that_starts_in_the_air(flight, attitude):
     tables = later(flight.tables, 30.0)
-    result = estimate(tables if attitude else replace(tables, attitude=None))
+    result = estimate(tables if attitude else tables.changed(attitude=None))
     assert result.diagnostics["aligned_still"] == [False]
     error = compare(result, flight.settled(35.0))
     assert error.horizontal_velocity < 0.1
@@ -145,7 +143,7 @@ def test_nan_bursts_are_holes(flight):
         imu.iloc[at : at + rng.integers(1, 25), rng.integers(0, 6)] = np.nan
     gps.iloc[100:120, gps.columns.get_loc("lat")] = np.nan
     gps.iloc[200:230, gps.columns.get_loc("v_n")] = np.nan
-    result = estimate(replace(flight.tables, imu=imu, gps=gps))
+    result = estimate(flight.tables.changed(imu=imu, gps=gps))
     assert np.isfinite(result.states.to_numpy()).all()
     assert compare(result, flight.settled()).horizontal_velocity < 0.15
     assert nees(result, flight.settled())["velocity"] < 3.0
@@ -159,9 +157,9 @@ def test_a_clock_jump_splits_the_log(flight):
         return table.set_axis(pd.Index(np.where(t < 50.0, t, t + 300.0), name="t"))
 
     names = ("imu", "gps", "baro", "mag", "attitude")
-    tables = replace(flight.tables, **{name: jumped(getattr(flight.tables, name)) for name in names})
+    tables = flight.tables.changed(**{name: jumped(getattr(flight.tables, name)) for name in names})
     valid = tables.gps["t_valid"].to_numpy()
-    tables = replace(tables, gps=tables.gps.assign(t_valid=np.where(valid < 50.0, valid, valid + 300.0)))
+    tables = tables.changed(gps=tables.gps.assign(t_valid=np.where(valid < 50.0, valid, valid + 300.0)))
     result = estimate(tables)
     assert [f.id for f in result.findings] == ["log-gaps"]
     t = result.states.index
@@ -191,7 +189,7 @@ def test_nothing_to_estimate_from_is_said_with_what_to_set(flight):
     with pytest.raises(MissingDataError, match="log IMU and GPS"):
         estimate(Tables())
     with pytest.raises(MissingDataError, match="too short"):
-        estimate(replace(flight.tables, imu=flight.tables.imu.iloc[:40]))
+        estimate(flight.tables.changed(imu=flight.tables.imu.iloc[:40]))
 
 
 def test_each_segment_takes_its_own_imu(flight):
@@ -203,11 +201,11 @@ def test_each_segment_takes_its_own_imu(flight):
     def with_hole(table):
         return table[(table.index < 50.0) | (table.index > 53.0)]
 
-    tables = replace(flight.tables, imu=with_hole(loose), further={"imu": (with_hole(imu),)})
+    tables = flight.tables.changed(imu=with_hole(loose), further={"imu": (with_hole(imu),)})
     result = estimate(tables)
     assert result.diagnostics["imu"] == [0, 1]
     assert sorted(f.id for f in result.findings) == ["log-gaps", "sensor-doubtful"]
-    whole = estimate(replace(tables, further={"imu": (imu,)}))
+    whole = estimate(tables.changed(further={"imu": (imu,)}))
     assert whole.diagnostics["imu"] == [1]
     assert [f.id for f in whole.findings] == ["sensor-doubtful"]
     assert compare(whole, flight.settled()).horizontal_velocity < 0.06
@@ -217,7 +215,7 @@ def test_what_was_learned_of_the_sensors_survives_a_hole():
     """After a hole of four seconds the biases are known far better than at the start of a log."""
     flight = fly(7, duration=100.0)
     imu = flight.tables.imu
-    result = estimate(replace(flight.tables, imu=imu[(imu.index < 80.0) | (imu.index > 84.0)]), smooth=False)
+    result = estimate(flight.tables.changed(imu=imu[(imu.index < 80.0) | (imu.index > 84.0)]), smooth=False)
     after = result.sigma[result.sigma.index < 84.5].iloc[-1]
     prior = SensorNoise()
     for column, first in (("b_gx", prior.gyro_bias), ("b_ax", prior.accel_bias), ("b_mx", prior.hard_iron)):

@@ -1,7 +1,5 @@
 """A second GPS receiver and a range finder: what they add when they are there, and that they do no harm."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -15,8 +13,8 @@ def flight():
 
 
 def without(tables, *, gps=False, ranges=False):
-    tables = replace(tables, further={}) if gps else tables
-    return replace(tables, rangefinder=None) if ranges else tables
+    tables = tables.changed(further={}) if gps else tables
+    return tables.changed(rangefinder=None) if ranges else tables
 
 
 def test_second_receiver_halves_the_noise_of_velocity(flight):
@@ -28,7 +26,7 @@ def test_second_receiver_halves_the_noise_of_velocity(flight):
 
 def test_second_receiver_bridges_an_outage_of_the_first(flight):
     gps = flight.tables.gps
-    tables = replace(flight.tables, gps=gps[(gps.index < 50.0) | (gps.index > 80.0)])
+    tables = flight.tables.changed(gps=gps[(gps.index < 50.0) | (gps.index > 80.0)])
     seen = errors(estimate(tables), flight.truth).loc[50.0:80.0]
     blind = errors(estimate(without(tables, gps=True)), flight.truth).loc[50.0:80.0]
     rms = [float(np.sqrt(np.mean(e["v_n"] ** 2 + e["v_e"] ** 2))) for e in (seen, blind)]
@@ -65,6 +63,6 @@ def test_a_roof_under_the_craft_is_not_believed(flight):
     start = float(near[near > 20.0][0])
     ranges.loc[start : start + 5.0, "distance"] -= 3.0
     tables = without(flight.tables, gps=True)
-    roof = errors(estimate(replace(tables, rangefinder=ranges)), flight.settled())
+    roof = errors(estimate(tables.changed(rangefinder=ranges)), flight.settled())
     level = errors(estimate(tables), flight.settled())
     assert np.abs(roof["p_d"] - level["p_d"]).max() < 0.5

@@ -1,7 +1,6 @@
 """Heights that swing, sink or wash, and errors where GPS stays away."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -27,7 +26,7 @@ def flight():
 
 def swinging(flight, metres):
     gps = flight.tables.gps
-    return replace(flight.tables, gps=gps.assign(alt=gps["alt"] + metres * np.sin(2.0 * np.pi * gps.index / 70.0)))
+    return flight.tables.changed(gps=gps.assign(alt=gps["alt"] + metres * np.sin(2.0 * np.pi * gps.index / 70.0)))
 
 
 def test_heights_that_swing_cost_neither_place_nor_height(flight):
@@ -42,7 +41,7 @@ def test_heights_that_swing_cost_neither_place_nor_height(flight):
 def test_a_receiver_that_sinks_for_minutes_takes_no_height_away(flight):
     """At 0.1 m/s, as on 5-12-2014_218: taken for white noise its velocities are 17 m in three minutes."""
     gps = flight.tables.gps
-    result = estimate(replace(flight.tables, gps=gps.assign(v_d=gps["v_d"] + 0.1)), rate=10.0)
+    result = estimate(flight.tables.changed(gps=gps.assign(v_d=gps["v_d"] + 0.1)), rate=10.0)
     assert compare(result, flight.settled()).vertical_position < 1.5
     gained = -result.states["p_d"] + np.interp(result.states.index, flight.truth.index, flight.truth["p_d"])
     assert np.ptp(gained[result.states.index > 15.0]) < 1.5
@@ -89,7 +88,7 @@ def test_a_craft_whose_accelerometer_errs_as_it_flies_is_as_unknown_as_it_is_wit
     t = flight.tables.imu.index.to_numpy()[:, None]
     shaken, gps = flight.tables.imu.copy(), flight.tables.gps
     shaken[ACCEL] += 0.5 * np.sin(2.0 * np.pi * t / 25.0 + 6.0 * np.random.default_rng(42).random(3)) * (t > 8.0)
-    lost = estimate(replace(flight.tables, imu=shaken, gps=gps[gps.index < 90.0]), rate=10.0)
+    lost = estimate(flight.tables.changed(imu=shaken, gps=gps[gps.index < 90.0]), rate=10.0)
     assert nees(lost, flight.truth.loc[91.0:])["velocity"] < 3.0  # 10 before
     (finding,) = [f for f in lost.findings if f.id == "position-unknown"]
     assert (finding.severity, "to the end" in finding.reason) == ("error", True)

@@ -34,7 +34,7 @@ def biased(tables, force, rate):
     imu = tables.imu.copy()
     imu[ACCEL] += np.asarray(force)
     imu[GYRO] += np.asarray(rate)
-    return replace(tables, imu=imu)
+    return tables.changed(imu=imu)
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def biased(tables, force, rate):
 def test_biases_beyond_their_class_are_estimated(flight, truth, clean, force, rate, attitude):
     """An accelerometer that was never calibrated, with and without the autopilot's attitude to tell it."""
     tables = biased(flight.tables, force, rate)
-    result = estimate(tables if attitude else replace(tables, attitude=None), rate=10.0)
+    result = estimate(tables if attitude else tables.changed(attitude=None), rate=10.0)
     error = compare(result, truth)
     assert error.horizontal_velocity < 1.5 * clean.horizontal_velocity
     assert error.tilt < 1.5 * clean.tilt
@@ -64,7 +64,7 @@ def test_biases_beyond_their_class_are_estimated(flight, truth, clean, force, ra
 @pytest.mark.parametrize("lag", [-1.0, 0.3])
 def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
     gps = flight.tables.gps
-    result = estimate(replace(flight.tables, gps=gps.assign(t_valid=gps["t_valid"] + lag)), rate=10.0)
+    result = estimate(flight.tables.changed(gps=gps.assign(t_valid=gps["t_valid"] + lag)), rate=10.0)
     assert result.diagnostics["lags"]["gps"] == pytest.approx(lag, abs=0.03)
     assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert compare(result, truth).horizontal_velocity < 1.5 * clean.horizontal_velocity
@@ -75,7 +75,7 @@ def test_a_clock_that_is_off_is_found(flight, truth, clean, lag):
 def test_other_clocks_that_are_off_are_found(flight, truth, clean, what, lag):
     """Half a second of the compass is degrees of heading in every turn, one of the barometer a speed of climb."""
     table = getattr(flight.tables, what)
-    late = replace(flight.tables, **{what: table.set_axis(table.index + lag)})
+    late = flight.tables.changed(**{what: table.set_axis(table.index + lag)})
     result = estimate(late, rate=10.0)
     assert result.diagnostics["lags"][what] == pytest.approx(lag, abs=0.05)
     assert [f.id for f in result.findings] == ["sensor-doubtful"]
@@ -89,7 +89,7 @@ def test_a_barometer_behind_a_slow_filter_bends_no_clock(flight, truth, clean):
     baro, time_constant = flight.tables.baro, 1.0
     share = 1.0 - np.exp(-np.median(np.diff(baro.index)) / time_constant)
     slow = baro.assign(alt=baro["alt"].ewm(alpha=share, adjust=False).mean())
-    result = estimate(replace(flight.tables, baro=slow), rate=10.0)
+    result = estimate(flight.tables.changed(baro=slow), rate=10.0)
     assert [(f.id, f.evidence["sensor"]) for f in result.findings] == [("sensor-doubtful", "baro")]
     assert result.findings[0].evidence["lag_s"] == pytest.approx(time_constant, rel=0.4)
     assert result.diagnostics["lags"]["gps"] == pytest.approx(0.0, abs=0.015)
@@ -106,7 +106,7 @@ def test_a_receiver_that_repeats_its_last_fix_is_not_believed(flight, start):
     old = gps.index >= max(start, gps.index[0])
     columns = ["lat", "lon", "alt", "v_n", "v_e", "v_d"]
     gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
-    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    result = estimate(flight.tables.changed(gps=gps), rate=10.0)
     finding = next(f for f in result.findings if f.id == "sensor-doubtful")
     assert finding.evidence["fixes"] == pytest.approx(old.sum(), abs=30)
     assert nees(result, flight.settled())["velocity"] < 3.0
@@ -120,7 +120,7 @@ def test_a_velocity_that_stands_still_while_positions_move_is_not_believed(fligh
     columns = ["v_n", "v_e", "v_d"]
     old = (gps.index > 40.0) & (gps.index < 70.0)
     gps.loc[old, columns] = gps.loc[old, columns].iloc[0].to_numpy()
-    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    result = estimate(flight.tables.changed(gps=gps), rate=10.0)
     assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert nees(result, flight.settled())["velocity"] < 2.0
 
@@ -129,7 +129,7 @@ def test_velocity_is_as_unknown_as_it_is_where_the_receiver_is_lost_for_good():
     """On real craft vibration moves biases; their walk was bounded, and velocity 10 sigmas off without a receiver."""
     shaken = fly(11, duration=120.0, sensors=Sensors(accel_walk=0.03, gyro_walk=1.0e-3))
     gps = shaken.tables.gps
-    lost = estimate(replace(shaken.tables, gps=gps[gps.index < 70.0]), rate=10.0)
+    lost = estimate(shaken.tables.changed(gps=gps[gps.index < 70.0]), rate=10.0)
     error = errors(lost, shaken.truth).loc[71.0:]
     sigma = lost.sigma.reindex(error.index, method="nearest")
     assert np.sqrt(np.mean((error[["v_n", "v_e"]] / sigma[["v_n", "v_e"]]) ** 2, axis=None)) < 2.0
@@ -139,7 +139,7 @@ def test_velocity_is_as_unknown_as_it_is_where_the_receiver_is_lost_for_good():
 def test_a_yaw_gyro_of_another_scale_is_set_right(flight, truth, clean, factor):
     """Yaw was 0.5 to 1 degree off and attitude's NEES 3 to 43; `imu-doubtful` at most said so."""
     imu = flight.tables.imu.assign(gyro_z=factor * flight.tables.imu["gyro_z"])
-    result = estimate(replace(flight.tables, imu=imu), rate=10.0)
+    result = estimate(flight.tables.changed(imu=imu), rate=10.0)
     assert result.diagnostics["yaw_scale"] == pytest.approx(1.0 / factor, abs=0.005)
     assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert compare(result, truth).yaw < 1.5 * clean.yaw
@@ -151,7 +151,7 @@ def test_forces_of_another_unit_or_sign_are_no_bias(flight, factor):
     """In g instead of m/s^2 the craft seems to fall all the time, which a bias of 8.8 m/s^2 would explain."""
     imu = flight.tables.imu.copy()
     imu[ACCEL] *= factor
-    result = estimate(replace(flight.tables, imu=imu), rate=10.0)
+    result = estimate(flight.tables.changed(imu=imu), rate=10.0)
     assert "trajectory-inconsistent" in [f.id for f in result.findings]
 
 
@@ -159,7 +159,7 @@ def test_a_barometer_that_wanders_in_flight_does_not_lend_its_error_to_the_climb
     """Propeller wash and airspeed move a real craft's barometer by decimetres within seconds, with or without GPS."""
     wandering = fly(41, duration=150.0, sensors=Sensors(baro_wander=1.0))
     gps = wandering.tables.gps
-    for tables in (wandering.tables, replace(wandering.tables, gps=gps[gps.index < 90.0])):
+    for tables in (wandering.tables, wandering.tables.changed(gps=gps[gps.index < 90.0])):
         estimated = estimate(tables, rate=10.0)
         at = estimated.states.index[estimated.states.index > 90.0]
         error = np.interp(at, wandering.truth.index, wandering.truth["v_d"]) - estimated.states.loc[at, "v_d"]
@@ -169,7 +169,7 @@ def test_a_barometer_that_wanders_in_flight_does_not_lend_its_error_to_the_climb
 def test_a_stuck_magnetometer_is_not_believed(flight, truth):
     mag = flight.tables.mag.copy()
     mag.loc[:] = [-3.6e-6, 1e-7, -5.6e-6]
-    result = estimate(replace(flight.tables, mag=mag), rate=10.0)
+    result = estimate(flight.tables.changed(mag=mag), rate=10.0)
     assert [f.id for f in result.findings] == ["sensor-doubtful"]
     assert np.degrees(compare(result, truth).yaw) < 1.0
 
@@ -179,7 +179,7 @@ def turned_by(tables, degrees):
     mag = tables.mag.copy()
     c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     mag[["mag_x", "mag_y"]] = mag[["mag_x", "mag_y"]].to_numpy() @ np.array([[c, s], [-s, c]])
-    return replace(tables, mag=mag)
+    return tables.changed(mag=mag)
 
 
 @pytest.mark.parametrize("degrees", [30.0, pytest.param(-20.0, marks=pytest.mark.whole)])
@@ -203,7 +203,7 @@ def beside_motors(flight):
     walk = 0.05 * np.cumsum(np.random.default_rng(1).normal(size=len(t)))
     current = (t > t[0] + 8.0) * (1.0 + 5.0 * load + walk)
     mag[["mag_x", "mag_y", "mag_z"]] += 8e-6 * current[:, None] * np.array([1.0, -0.7, 0.8])
-    return replace(flight.tables, mag=mag)
+    return flight.tables.changed(mag=mag)
 
 
 def test_a_compass_beside_motors_pulls_at_nothing(beside_motors, truth, clean):
@@ -233,7 +233,7 @@ def test_a_wrong_start_is_recovered_from(flight, truth, clean):
     attitude = tables.attitude.copy()
     attitude["roll"] += 1.0
     attitude["yaw"] += 2.0
-    result = estimate(replace(tables, attitude=attitude), rate=10.0)
+    result = estimate(tables.changed(attitude=attitude), rate=10.0)
     later = truth[truth.index > 35.0]
     # Locked out it was off by metres per second; believed, clocks and noise came out wrong to make up for it.
     assert compare(result, later).horizontal_velocity < 1.2 * clean.horizontal_velocity
@@ -253,7 +253,7 @@ def test_an_impact_that_the_imu_misses(flight, truth, clean):
     gps["lat"] += step / 6.37e6
     states["v_n"] += np.where(states.index > at, 3.0, 0.0)
     states["p_n"] += np.where(states.index > at, 3.0 * (states.index - at), 0.0)
-    result = estimate(replace(flight.tables, gps=gps), rate=10.0)
+    result = estimate(flight.tables.changed(gps=gps), rate=10.0)
     away = states[np.abs(states.index - at) > 1.0]
     assert compare(result, away).horizontal_velocity < 0.15
     assert nees(result, away)["velocity"] < 3.0
@@ -271,7 +271,7 @@ def test_a_sensor_that_lies_for_long_withdraws_the_trajectory(flight, what):
         table.iloc[rows, table.columns.get_loc("lat")] += rng.uniform(30.0, 90.0, len(rows)) / 6.37e6
     else:
         table.iloc[rows, table.columns.get_loc("alt")] += rng.uniform(30.0, 90.0, len(rows))
-    result = estimate(replace(flight.tables, **{what: table}), rate=10.0)
+    result = estimate(flight.tables.changed(**{what: table}), rate=10.0)
     assert "trajectory-inconsistent" in [f.id for f in result.findings]
     assert "sensor-doubtful" in [f.id for f in result.findings]
     assert result.inconsistency.endswith("neither speeds nor models are stated.")

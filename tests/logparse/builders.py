@@ -2,6 +2,7 @@
 
 from logparse.canonical import gather_tables
 from logparse.craft.vehicle import describe
+from logparse.messages import MessageView
 
 
 class Decoded(dict):
@@ -18,5 +19,5 @@ class Decoded(dict):
 def tables_of(messages, kind, parameters):
     """Return the canonical tables of messages, and what was left out or assumed for them."""
     vehicle = describe(messages, format=kind, parameters=parameters)
-    tables, findings = gather_tables(messages, format=kind, parameters=parameters, vehicle=vehicle)
+    tables, findings = gather_tables(MessageView(messages), format=kind, parameters=parameters, vehicle=vehicle)
     return tables, findings()

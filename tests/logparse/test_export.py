@@ -11,7 +11,7 @@ import pytest
 from scipy.io import loadmat
 
 from core.errors import RotoridError
-from logparse import read_log
+from logparse import COLUMNS, read_log
 from logparse.export import export
 from logparse.tables import Tables
 from tests.paths import SHARED
@@ -116,11 +116,7 @@ def test_shared_logs_export_whole(name, kind, tmp_path):
         content = loadmat(files[0], simplify_cells=True)
         assert len(content["messages"]["IMU"]["GyrX"]) == log.messages.counts["IMU"]
         return
-    count = sum(
-        getattr(log.tables, table) is not None
-        for table in Tables.__dataclass_fields__
-        if table not in ("further", "parameters", "origin")
-    )
+    count = sum(getattr(log.tables, table) is not None for table in COLUMNS)
     assert len(files) == count + len(log.messages) + 1
     if kind == "parquet":
         imu = pq.read_table(tmp_path / "messages" / "IMU.parquet")

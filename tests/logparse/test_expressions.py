@@ -47,7 +47,7 @@ def test_a_name_alone_is_its_signal(log):
 def test_one_field_is_decoded_and_nothing_is_kept():
     sample = read_log(SAMPLES / "quad01_davos_esc.bin")
     signal = evaluate(sample, "IMU.AccZ")
-    assert "IMU" not in sample.messages.decoded
+    assert ("message", "IMU") not in sample._kept
     np.testing.assert_array_equal(signal.y, sample.messages["IMU"]["AccZ"])
     assert signal.unit == "m/s/s"
 

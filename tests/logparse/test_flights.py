@@ -1,7 +1,5 @@
 """Airborne intervals: the whole account rests on them, and bench runs must not pass for flights."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -37,7 +35,7 @@ def flown(t, pwm, height, parameters=PARAMETERS, air=None, **more):
     motors = timed(t, **{f"m{k}": pwm for k in range(1, 5)})
     zeros = np.zeros(len(t))
     log = Tables(motors=motors, imu=still(t, force), baro=timed(t, alt=height, pressure=zeros), parameters=parameters)
-    return dataclasses.replace(log, **more)
+    return log.changed(**more)
 
 
 T = np.arange(0.0, 100.0, 0.1)
@@ -57,20 +55,20 @@ def struck():
     """Return a craft that hits the ground with 57 m/s^2 and stands there at hover's throttle for two seconds."""
     log = flown(T, np.where((T > 80.0) & (T < 81.5), HOVER, PWM), HEIGHT)
     force = log.imu["accel_z"].where(np.abs(T - 80.0) > 0.05, -57.0)
-    return dataclasses.replace(log, imu=log.imu.assign(accel_z=force))
+    return log.changed(imu=log.imu.assign(accel_z=force))
 
 
 def shaken():
     """Return a craft whose |acc| was 9 at rest and 5.6 in flight: the ground seemed to carry one and a half craft."""
     log = flown(T, PWM, HEIGHT)
-    return dataclasses.replace(log, imu=log.imu.assign(accel_z=log.imu["accel_z"] * np.where(HEIGHT > 0.05, 0.6, 1.0)))
+    return log.changed(imu=log.imu.assign(accel_z=log.imu["accel_z"] * np.where(HEIGHT > 0.05, 0.6, 1.0)))
 
 
 def fallen():
     """Return a craft that fell from 10 m and lies where it hit the ground, with motors that nobody stops."""
     log = flown(T, np.where(T > 14, 1500.0, PWM), profile(T, (0, 0), (14, 0), (18, 10), (58, 10), (60, 0), (100, 0)))
     force = log.imu["accel_z"].where(np.abs(T - 60.0) > 0.11, -90.0)
-    return dataclasses.replace(log, imu=log.imu.assign(accel_z=force))
+    return log.changed(imu=log.imu.assign(accel_z=force))
 
 
 #: Landing 30 m below the place of the take-off.
@@ -192,5 +190,5 @@ def test_a_log_without_one_of_its_sources(missing):
     without = {"motors": None, "setpoints": throttle} if missing == "motors" else {missing: None}
     if missing == "all":
         without = {"motors": None, "imu": None, "baro": None}
-    (flight,) = find_flights(dataclasses.replace(log, **without))
+    (flight,) = find_flights(log.changed(**without))
     assert (flight.start, flight.stop) == pytest.approx((14.0, 80.0), abs=0.6)

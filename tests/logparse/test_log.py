@@ -6,7 +6,6 @@ import os
 import pickle
 import zipfile
 from collections.abc import Callable
-from dataclasses import fields, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -14,11 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-import logparse.canonical
-import logparse.messages
-from logparse import FlightLog, LogError, Tables, read_log
+import logparse.kept
+from logparse import COLUMNS, FlightLog, LogError, Tables, read_log
 from logparse.canonical.series import join
-from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.writer import DataflashWriter, write_dataflash
 from tests.paths import SAMPLES
 from tests.timed import timed
@@ -81,25 +78,12 @@ def test_messages_are_a_mapping_of_what_occurs(tmp_path: Path) -> None:
     assert len(list(messages.values())) == len(messages)
 
 
-def test_a_loop_over_messages_passes_over_the_file_a_few_times(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And not once for each of the types: that was five times as slow as to ask for all of them at once."""
-    passes = []
-    decode_many = DataflashSource.decode_many
-    monkeypatch.setattr(
-        DataflashSource, "decode_many", lambda self, *args: passes.append(1) or decode_many(self, *args)
-    )  # fmt: skip
+def test_messages_one_by_one_are_those_of_all_at_once() -> None:
     path = SAMPLES / "octa01_zurich_calm.bin"
-    log, other = read_log(path), read_log(path)
-    passes.clear()
-    frames = {name: log.messages[name] for name in log.messages}
-    assert len(frames) > 20
-    assert len(passes) < 6
-    passes.clear()
-    # Names alone, or one message found by a loop, bring nothing else into memory.
-    assert list(other.messages) == list(frames)
-    attitude = next(other.messages[name] for name in other.messages if name == "ATT")
-    assert len(passes) == 1
-    pd.testing.assert_frame_equal(attitude, frames["ATT"])
+    one_by_one, at_once = read_log(path).messages, read_log(path).messages
+    at_once.load(at_once)
+    for name in one_by_one:
+        pd.testing.assert_frame_equal(one_by_one[name], at_once[name], check_exact=True)
 
 
 @pytest.mark.parametrize("name", ["flight.log", "flight.tlog", "flight", "flight.ulg"])
@@ -270,9 +254,9 @@ def at_once():
 
 @pytest.fixture
 def deferred(monkeypatch):
-    """Return the log as if a thousand rows were many."""
-    monkeypatch.setattr(logparse.canonical, "LONG", 1000)
-    monkeypatch.setattr(logparse.messages, "LONG", 1000)
+    """Return the log as if there were room for next to nothing."""
+    monkeypatch.setattr(logparse.kept, "_OF_EACH", 0)
+    monkeypatch.setattr(logparse.kept, "_ALWAYS", 8000)
     return read_log(LOG)
 
 
@@ -289,8 +273,8 @@ def same(a, b):
 
 
 def same_tables(a, b):
-    for field in fields(Tables):
-        same(getattr(a, field.name), getattr(b, field.name))
+    for name in (*COLUMNS, "further", "parameters", "origin"):
+        same(getattr(a, name), getattr(b, name))
 
 
 def test_tables_and_findings_are_the_same(at_once, deferred):
@@ -298,7 +282,7 @@ def test_tables_and_findings_are_the_same(at_once, deferred):
     assert deferred.findings == at_once[1]
 
 
-def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(deferred):
+def test_what_was_made_last_is_kept_and_the_rest_as_long_as_there_is_room(at_once, deferred):
     tables = deferred.tables
     imu = tables.imu
     assert tables.imu is imu
@@ -306,8 +290,8 @@ def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(defer
     again = tables.imu
     assert again is not imu
     same(imu, again)
-    tables.release()
-    assert tables.imu is not again
+    assert at_once[0].imu is at_once[0].imu
+    assert at_once[0].gps is at_once[0].gps
 
 
 @pytest.mark.parametrize(
@@ -316,7 +300,7 @@ def test_a_long_table_is_kept_until_another_is_asked_for_or_it_is_released(defer
 )
 def test_columns_come_one_by_one_without_their_table(at_once, deferred, name, wanted):
     whole, tables = at_once[0], deferred.tables
-    kept, table = tables.imu, getattr(whole, name)
+    table = getattr(whole, name)
     for source in (whole, tables):
         columns = list(source.columns(name, wanted))
         assert [column.name for column in columns] == list(wanted)
@@ -324,7 +308,6 @@ def test_columns_come_one_by_one_without_their_table(at_once, deferred, name, wa
             pd.testing.assert_series_equal(column, table[column.name], check_exact=True)
         same(source.part(name, wanted), table[list(wanted)])
         same(source.column(name, wanted[0]).to_frame(), table[[wanted[0]]])
-    assert tables.imu is kept, "no other long table was made, which would have taken its place"
     assert list(Tables().columns(name, wanted)) == []
     assert Tables().column(name, wanted[0]) is Tables().part(name, wanted) is None
 
@@ -345,25 +328,15 @@ def test_times_are_those_of_the_table(at_once, deferred):
 def test_copies_hold_what_was_deferred(deferred):
     tables = deferred.tables
     same_tables(pickle.loads(pickle.dumps(tables)), tables)
-    without = replace(tables, imu=None)
+    without = tables.changed(imu=None)
     assert without.imu is None
     same(without.rates, tables.rates)
 
 
-def test_long_messages_are_kept_only_for_who_asks_for_them(deferred):
-    assert deferred.tables.rates is not None
-    assert "RATE" not in deferred.messages.decoded
-    rate = deferred.messages["RATE"]
-    assert deferred.messages["RATE"] is rate
-
-
-def test_a_table_may_be_kept_when_the_others_are_released(deferred):
-    imu = deferred.tables.imu
-    deferred.tables.release(keep="imu")
-    assert deferred.tables.imu is imu
-
-
-def test_messages_held_together_are_not_kept(deferred):
-    assert deferred.tables.attitude is not None
-    assert deferred.messages.counts["ATT"] >= 1000
-    assert "ATT" not in deferred.messages.decoded
+def test_tables_follow_rows_that_somebody_corrected():
+    log = read_log(LOG)
+    assert log.tables.baro is not None
+    rows = log.messages["BARO"]
+    log.messages.replace("BARO", rows.assign(Alt=rows["Alt"] + 100.0))
+    assert float(log.tables.baro["alt"].median()) > 90.0
+    assert log.messages["BARO"].attrs == rows.attrs

@@ -1,6 +1,5 @@
 """Accounts of logs whose faults are known: genuine firmware, and real crashes."""
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -63,7 +62,7 @@ def test_a_lost_motor_is_named_to_half_a_second(account_of, name, motor, second)
 def test_outputs_that_are_logged_three_times_a_second_name_the_motor_too(unpacked, name, motor, second):
     """They were too slow to look at: a lost motor was a craft that leaned away from what was asked."""
     log = logparse.read_log(unpacked(f"faults/{name}"))
-    tables = replace(log.tables, motors=log.tables.motors.iloc[::3])
+    tables = log.tables.changed(motors=log.tables.motors.iloc[::3])
     (fault,) = find_motor_faults(tables, log.vehicle, log.flight.start, log.flight.stop)
     assert (fault.motor, fault.t) == (motor, pytest.approx(second, abs=0.5))
 
@@ -101,7 +100,7 @@ def test_wind_that_is_not_in_the_log_is_no_motor(name, first, last):
         if (rows := getattr(log.tables, name)) is not None
     }
     start = max(log.flight.start, last if first == 0.0 else 0.0)
-    assert not find_motor_faults(replace(log.tables, **seen), log.vehicle, start, log.flight.stop)
+    assert not find_motor_faults(log.tables.changed(**seen), log.vehicle, start, log.flight.stop)
 
 
 def test_crash_disarming_and_jamming_are_named_to_half_a_second(account_of):

@@ -1,7 +1,5 @@
 """From log and trajectory to a record: axes, clock, filtering and what may be missing, GPS among it."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -132,7 +130,7 @@ def test_without_barometer_and_altitude_the_density_is_not_told():
 @pytest.fixture(scope="module")
 def drifting():
     log = read_log("sample_logs/quad01_davos_esc.bin")
-    trajectory = estimate(replace(log.tables, gps=None), date=log.start_utc)
+    trajectory = estimate(log.tables.changed(gps=None), date=log.start_utc)
     return Experiment.from_flight(log, trajectory, rate=25.0)
 
 

@@ -1,7 +1,5 @@
 """Motors that lose thrust, or are weak from the beginning, are named; what is no motor's loss is not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -103,7 +101,7 @@ def test_an_axis_at_rest_does_not_hide_a_weak_motor(seconds):
     weak = motors.index >= onset
     motors.loc[weak, names] = pwm[weak]
     # The log ends in the air, so that no landing is left out.
-    cut = replace(log.tables, motors=motors.loc[: onset + seconds], events=None)
+    cut = log.tables.changed(motors=motors.loc[: onset + seconds], events=None)
     (loss,) = losses_in(cut, vehicle, log.flight.start, onset + seconds)
     assert (loss.motor, loss.loss) == (7, pytest.approx(0.36, abs=0.05))
 

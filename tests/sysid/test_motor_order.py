@@ -63,11 +63,11 @@ def flown(vehicle, seed, yaw_gain=1.0, chirp=False):
 
 def without_thrust(tables):
     """Return what PIDR, PIDP and PIDY leave of the rate controller."""
-    return replace(tables, rates=tables.rates.assign(out_thrust=np.nan))
+    return tables.changed(rates=tables.rates.assign(out_thrust=np.nan))
 
 
 def reordered(tables, order):
-    return replace(tables, motors=tables.motors.iloc[:, list(order)].set_axis(tables.motors.columns, axis=1))
+    return tables.changed(motors=tables.motors.iloc[:, list(order)].set_axis(tables.motors.columns, axis=1))
 
 
 def orders(vehicle, seed):
@@ -105,7 +105,7 @@ def test_rates_as_slow_as_the_motors_tell_the_order_too(frame):
     vehicle = craft(frame)
     tables = flown(vehicle, 5)
     # Rows of the controller lie between those of the motors, as where both are logged by turns.
-    slow = replace(tables, rates=tables.rates.iloc[3::5])
+    slow = tables.changed(rates=tables.rates.iloc[3::5])
     assert not check_outputs(slow, vehicle, 0.0, SECONDS)
     for order in orders(vehicle, 5):
         assert followed(check_outputs(reordered(slow, order), vehicle, 0.0, SECONDS), vehicle) == order
@@ -124,7 +124,7 @@ def test_what_is_needed_is_said():
     vehicle = craft(QUAD_X)
     tables = flown(vehicle, 1)
     with pytest.raises(MissingDataError, match="RATE"):
-        check_outputs(replace(tables, rates=None), vehicle, 0.0, SECONDS)
+        check_outputs(tables.changed(rates=None), vehicle, 0.0, SECONDS)
     with pytest.raises(MissingDataError, match="frame"):
         check_outputs(tables, Vehicle(), 0.0, SECONDS)
     with pytest.raises(MissingDataError, match="only"):
@@ -139,7 +139,7 @@ def test_a_number_that_no_controller_gives_costs_its_row_alone(value):
     for name in ("out_roll", "out_thrust"):
         rates = tables.rates.copy()
         rates.iloc[400, rates.columns.get_loc(name)] = value
-        assert not check_outputs(replace(tables, rates=rates), vehicle, 0.0, SECONDS)
+        assert not check_outputs(tables.changed(rates=rates), vehicle, 0.0, SECONDS)
 
 
 @pytest.mark.parametrize("frame", FRAMES)
@@ -164,7 +164,7 @@ def test_a_curve_that_did_not_fly_is_measured_by_what_it_makes_of_outputs(frame,
 def test_a_controller_that_motors_do_not_follow_says_nothing_of_the_curve():
     tables = flown(craft(QUAD_X), 4, chirp=True)
     noisy = tables.rates + 0.05 * np.random.default_rng(0).standard_normal(tables.rates.shape)
-    assert not mixer_differs(replace(tables, rates=noisy), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)
+    assert not mixer_differs(tables.changed(rates=noisy), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)
     assert not mixer_differs(without_thrust(tables), replace(craft(QUAD_X), thrust_expo=0.2), 0.0, SECONDS)
 
 

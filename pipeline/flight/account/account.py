@@ -60,7 +60,6 @@ def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]
     for log in logs:
         flight = None if log.flight is None else Span(log.flight.start, log.flight.stop)
         yield flight, tell(log, flight)
-        log.tables.release()
 
 
 def account_of(readings: Readings) -> Account:

@@ -26,7 +26,6 @@ from logparse.heights import (
 )
 from logparse.messages import NumericMessages
 from logparse.rest import ACCEL
-from logparse.source import TELEMETRY
 from pipeline.flight.account.vibration import Floats, Vibration, read_vibration
 from pipeline.results.span import Span, around, within
 
@@ -78,7 +77,7 @@ class Readings:
     @classmethod
     def of(cls, log: FlightLog, flight: Span) -> Readings:
         """Return the readings of one flight of a log."""
-        messages = NumericMessages(log.messages, checked=log.format in TELEMETRY)
+        messages = NumericMessages(log.intact)
         return cls(log.tables, messages, log.vehicle, flight, around(flight, log.flights))
 
     @cached_property
@@ -224,12 +223,17 @@ class Readings:
 
     def chirped(self, t: Floats) -> Mask:
         """Return which times lie within a second of a chirp of SYSTEMID mode."""
+        return within(t, self._chirps)
+
+    @cached_property
+    def _chirps(self) -> tuple[Span, ...]:
+        """Chirps of SYSTEMID mode with a second on either side."""
         chirp = self.tables.systemid
         if chirp is None:
-            return np.zeros(len(t), dtype=bool)
+            return ()
         moving = np.isfinite(chirp["target"].to_numpy(np.float64))
         times = chirp.index.to_numpy(np.float64)
-        return within(t, (Span(first - 1.0, last + 1.0) for first, last, _ in stretches(times, moving, join=2.0)))
+        return tuple(Span(first - 1.0, last + 1.0) for first, last, _ in stretches(times, moving, join=2.0))
 
     def idle(self, t: Floats) -> Mask:
         """Return which times lie within a second after a closed throttle, which leaves motors nothing to turn with."""

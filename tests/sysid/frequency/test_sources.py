@@ -194,7 +194,7 @@ def test_the_thrust_of_another_autopilot_is_a_throttle_as_well(tmp_path: Path, m
         name: pd.DataFrame({column: values}).reindex(columns=list(COLUMNS[name]))
         for name, (column, values) in columns.items()
     }
-    monkeypatch.setattr(FlightLog, "tables", replace(log.tables, **remarks))
+    monkeypatch.setattr(FlightLog, "tables", log.tables.changed(**remarks))
     log.messages.replace("CTUN", rows.iloc[:0].to_frame())
     frf = frequency.response(log, "vertical")
     assert frf.instrument == "height target"

@@ -1,0 +1,55 @@
+"""What is kept of a log: tables of its messages and those made of them, as long as there is room."""
+
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
+
+import pandas as pd
+
+#: Bytes that are kept for each message of a log, which has about 60 in the file; and those that always are.
+_OF_EACH, _ALWAYS = 32, 16_000_000
+
+Frames = TypeVar("Frames", pd.DataFrame, tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]])
+
+
+class Kept:
+    """Frames of a log of so many messages. Where there is no room for one more, the largest others are let go.
+
+    They are made again when they are asked for again.
+    """
+
+    def __init__(self, messages: int = 0):
+        self._room = max(_ALWAYS, _OF_EACH * messages)
+        self._frames: dict[Hashable, Any] = {}
+        self._sizes: dict[Hashable, int] = {}
+
+    def __contains__(self, key: Hashable) -> bool:
+        return key in self._frames
+
+    def clear(self) -> None:
+        """Let everything go: what it was made of has changed."""
+        self._frames.clear()
+        self._sizes.clear()
+
+    def get(self, key: Hashable, make: Callable[[], Frames]) -> Frames:
+        """Return the frames of a key, made where they are not kept."""
+        if key not in self._frames:
+            made = make()
+            size = _bytes(made)
+            room = self._room - size - sum(self._sizes.values())
+            for other in sorted(self._sizes, key=lambda other: -self._sizes[other]):
+                if room >= 0:
+                    break
+                room += self._sizes.pop(other)
+                del self._frames[other]
+            self._frames[key], self._sizes[key] = made, size
+        frames: Frames = self._frames[key]
+        return frames
+
+
+def _bytes(frames: pd.DataFrame | tuple[Any, ...] | None) -> int:
+    """Bytes of a frame or several, those of the index included; of a text two pointers."""
+    if isinstance(frames, tuple):
+        return sum(map(_bytes, frames))
+    if frames is None:
+        return 0
+    return len(frames) * (8 + sum(getattr(dtype, "itemsize", 16) for dtype in frames.dtypes))
