@@ -33,28 +33,35 @@ def motors(
     names, field = _OUTPUTS[kind]
     if first(messages, names[0]) is None:
         return _before_3_1(messages, vehicle.motors, remarks)
-    table = pd.DataFrame(index=pd.Index([], name="t", dtype=np.float64))
+    logged: dict[str, tuple[pd.Index[float], Array]] = {}
     for motor in vehicle.motors:
-        read = None if motor.channel is None else _output(messages, names, field.format(motor.channel), remarks)
-        if read is None:
+        output = None if motor.channel is None else _output(messages, names, field.format(motor.channel), remarks)
+        if output is None:
             remarks.add(_unmapped(motor.number, names[0]))
-        elif table.empty or table.index.equals(read.index):
-            table[f"m{motor.number}"] = read
-        else:  # RCO2 is written right after RCOU with the same time
-            table[f"m{motor.number}"] = sample(read.to_frame(), table.index.to_numpy(), gap=0.05)[:, 0]
+        else:
+            logged[f"m{motor.number}"] = output
     if kind is Kind.TELEMETRY:
         _remark_assumed(vehicle.motors, parameters, remarks)
-    return None if table.empty else table
+    if not logged:
+        return None
+    t, _ = next(iter(logged.values()))
+    table = series(t, {name: pulse for name, (at, pulse) in logged.items() if at.equals(t)})
+    for name, (at, pulse) in logged.items():
+        if name not in table:  # RCO2 is written right after RCOU with the same time
+            table[name] = sample(series(at, {name: pulse}), table.index.to_numpy(), gap=0.05)[:, 0]
+    return table[list(logged)]
 
 
-def _output(messages: Messages, names: tuple[str, ...], field: str, remarks: Remarks) -> "pd.Series[float] | None":
-    """Return the pulses of one servo output, from the first of the messages that has it."""
+def _output(
+    messages: Messages, names: tuple[str, ...], field: str, remarks: Remarks
+) -> "tuple[pd.Index[float], Array] | None":
+    """Return the times and pulses of one servo output, from the first of the messages that has it."""
     for name in names:
         frame = first(messages, name)
         if frame is not None and "port" in frame:
             frame = frame[frame["port"] == 0]  # port 1 of SERVO_OUTPUT_RAW holds outputs from 17
         if frame is not None and has(frame, field):
-            return series(frame.index, {"pulse": pulses(value(frame, field), name, remarks)})["pulse"]
+            return frame.index, pulses(value(frame, field), name, remarks)
     return None
 
 

@@ -32,7 +32,9 @@ def describe(
     """Report what a log knows about its craft."""
     if format == "ulog":
         return _describe_px4(messages, parameters)
-    texts = [*printed(messages), *elsewhere]
+    texts = [*printed(messages)]
+    if not any(map(_FIRMWARE.match, texts)):  # what prints its firmware prints the rest beside it
+        texts += elsewhere
     firmware, version, git_hash = _firmware(messages, texts)
     firmware = firmware or _firmware_of(parameters)
     frame_class: str | None = None
