@@ -112,7 +112,7 @@ def recommend(table: pd.DataFrame) -> tuple[tuple[int, int] | None, str]:
 
     All outputs count alike: each error is taken relative to that of always predicting the mean, and the geometric mean
     of these is compared, so that an axis that hardly moved does not decide alone. A gain of less than
-    `sysid.validation.assessment.MARGIN` is chance.
+    `sysid.validation.purposes.MARGIN` is chance.
     """
     groups = {
         (int(rows["poles"].iloc[0]), int(rows["zeros"].iloc[0])): rows
