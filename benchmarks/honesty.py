@@ -33,7 +33,7 @@ from sysid.frequency.survey import survey
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.six_dof.body_record import BodyQuantity
 from sysid.rotors.thrust_regression import vehicle_of
-from tests.sysid.flown_craft import flown, record
+from tests.sysid.craft_flights import flown, record
 from tests.sysid.honesty import (
     Stated,
     firmware_truth,

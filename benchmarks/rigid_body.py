@@ -17,8 +17,8 @@ from simulation.elhesasy2024 import octocopter
 from simulation.mission import FlownChirp, GoTo, Mission, Turn
 from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, validate
-from tests.sysid.flown_craft import flown as flown_craft
-from tests.sysid.flown_craft import record
+from tests.sysid.craft_flights import flown as flown_craft
+from tests.sysid.craft_flights import record
 from tests.sysid.honesty import simulated_truth
 
 NOT_HERE = "no logs"

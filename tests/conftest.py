@@ -93,7 +93,7 @@ _LENGTHY = _modules("""
     reports: first_screen fleet_report folder
     rotorid: commands front_door start
     simulation: cases sample_logs
-    sysid: bench export gusts kim2017 motor_dropout motor_loss pem refinement2020 rigid_body structures trim
+    sysid: bench export gusts kim2017 motor_loss pem refinement2020 rigid_body structures trim
     sysid/autopilot: drag_and_thrust_curve notch_of_the_gyro
     sysid/frequency: bad_input flights sources
     sysid/loops: as_flown design loop ordinary procedure tuning

@@ -11,8 +11,7 @@ from simulation.place import Wind
 from sysid import validate
 from sysid.rigid_body.body_motion import SHARED
 from sysid.rigid_body.carried import FIXED, STATES, Wander, drift_sigma
-from tests.sysid.flown_craft import flown, record
-from tests.sysid.octocopter import RATE, fitted, level, parameters
+from tests.sysid.craft_flights import RATE, fitted, flown, level, parameters, record
 
 #: Nothing wanders.
 STILL = Wander(0.0, 0.0, 0.0, 0.0)

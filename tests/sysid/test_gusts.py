@@ -13,7 +13,7 @@ from sysid import fit_rigid_body
 from sysid.rigid_body._filter_kernels import whiten
 from sysid.rigid_body.body_motion import SHARED, THETA, motion
 from sysid.rigid_body.systematic import folded, form_and_attitude
-from tests.sysid.flown_craft import HOVER, flown, record
+from tests.sysid.craft_flights import HOVER, flown, record
 
 SHAKEN = Mission(
     takeoff=8.0,

@@ -12,7 +12,7 @@ from sysid import fit_thrust
 from sysid.records.experiment import ExperimentError
 from sysid.records.thrust_curve import Law
 from sysid.rotors.kim2017 import fit_kim2017
-from tests.sysid.simulated_craft import disturbed, flight, without
+from tests.sysid.craft_flights import disturbed, flight, without
 
 THRUST = paper.THRUST_COEFFICIENTS[-1]
 TORQUE = float(paper.TORQUE_COEFFICIENTS[-1].mean())

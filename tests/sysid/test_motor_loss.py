@@ -8,12 +8,21 @@ from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
 from sysid.rotors.motor_faults import find_motor_faults
 from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
+from sysid.rotors.steady_trims import SteadyTrims
 from tests.paths import SAMPLES, SITL
 from tests.sysid.failing_motor import Fault, craft, fly, remaining_thrust
-from tests.sysid.trimmed_flights import REAL, trimmed
+
+#: Trims of three flights of a real log.
+REAL = ((-0.148, -0.035, -0.276), (-0.118, -0.017, -0.209), (-0.174, -0.109, -0.209))
 
 CALM = SITL / "octa15_two_flights_logdisarmed.BIN"
 FRAMES = [("quad", "x"), ("quad", "plus"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
+
+
+def trimmed(*trims, variance=(4e-4, 7e-4, 2e-3)):
+    """Return flights of a quad x with these trims; motor k takes half of each when it gives nothing."""
+    rows = ((-0.5, 0.5, 0.5), (0.5, -0.5, 0.5), (0.5, 0.5, -0.5), (-0.5, -0.5, -0.5))
+    return [SteadyTrims(("m1", "m2", "m3", "m4"), trim, variance, rows) for trim in trims]
 
 
 def losses_in(tables, vehicle, start, stop):
@@ -193,3 +202,43 @@ def test_a_motor_that_is_weak_in_all_flights_or_became_weak_is_named():
     assert (finding.evidence["motor"], finding.evidence["flights"]) == ("m4", 3)
     sound = trimmed((0.0, 0.0, 0.0), (0.01, 0.02, 0.01), variance=(2e-4,) * 3)
     assert weak_from_start(weak[0], sound)[0].evidence["motor"] == "m4"
+
+
+# Motors that drop out for moments; gusts, sticks and lasting losses are none.
+
+DROPPING = [("quad", "x"), ("hexa", "plus"), ("octa", "plus"), ("octa-quad", "x"), ("y6", "y6b")]
+
+
+def dropouts_in(tables, vehicle, start, stop):
+    return [one for one in find_motor_faults(tables, vehicle, start, stop) if one.kind == "pulse"]
+
+
+@pytest.mark.parametrize(("frame_class", "frame_type"), DROPPING)
+def test_dropouts_of_a_motor_are_named_with_its_number_and_their_seconds(frame_class, frame_type):
+    """Half of the output lost for a second, three times: most are found, and none of another motor."""
+    vehicle = craft(frame_class, frame_type)
+    times = (11.3, 19.8, 28.4)
+    count = 0
+    for seed in range(12):
+        motor = 1 + seed % len(vehicle.motors)
+        tables = fly(vehicle, seed, *(Fault(motor, t, 0.5, t + 1.0) for t in times))
+        for one in dropouts_in(tables, vehicle, 0.0, 40.0):
+            assert one.motor == motor
+            assert min(abs(one.t - t) for t in times) < 1.0
+            assert 0.25 <= one.loss <= 1.0
+            count += 1
+    assert count >= 0.6 * 3 * 12  # 0.81 with six motors, more with others
+
+
+@pytest.mark.parametrize(("frame_class", "frame_type"), DROPPING)
+def test_sound_motors_in_gusts_drop_out_never(frame_class, frame_type):
+    vehicle = craft(frame_class, frame_type)
+    for seed in range(12):
+        assert dropouts_in(fly(vehicle, 50 + seed, gust=0.01, drift=0.03), vehicle, 0.0, 40.0) == []
+
+
+def test_a_lasting_loss_is_no_dropout():
+    vehicle = craft("quad", "x")
+    dropouts = dropouts_in(fly(vehicle, 5, Fault(2, 20.0, 0.6)), vehicle, 0.0, 40.0)
+    assert all(one.t > 19.0 for one in dropouts)
+    assert len(dropouts) < 2

@@ -13,7 +13,7 @@ from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, law_of
 from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity
-from tests.sysid.simulated_craft import flight, without
+from tests.sysid.craft_flights import flight, without
 
 LOGS = Path("../shared/logs/sitl")
 

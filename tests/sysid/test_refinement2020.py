@@ -12,7 +12,7 @@ from sysid.records.thrust_curve import Law
 from sysid.rotors.refinement2020 import fit_refinement2020
 from sysid.rotors.refinement_instants import STILL_AIR, mean_of_instants
 from sysid.rotors.thrust_regression import blocks_of, unexplained_part
-from tests.sysid.simulated_craft import disturbed, flight, without
+from tests.sysid.craft_flights import disturbed, flight, without
 
 #: The paper's drag: C |v| v on each axis, here 0.0306 N s^2/m^2.
 AREA = (0.05, 0.05, 0.05)

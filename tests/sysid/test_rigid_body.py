@@ -17,9 +17,8 @@ from sysid.rigid_body.body_motion import LAG, THETA, motion
 from sysid.rigid_body.filter_error import Prior, fit_filter_error, step_within
 from sysid.rotors.thrust_regression import AIR_SIGMA
 from sysid.validation.uses import Trust
-from tests.sysid.flown_craft import HOVER, flown, record
+from tests.sysid.craft_flights import HOVER, RATE, exciting, fitted, flown, level, parameters, record
 from tests.sysid.honesty import simulated_truth
-from tests.sysid.octocopter import RATE, exciting, fitted, level, parameters
 
 
 def truth(craft, voltage):

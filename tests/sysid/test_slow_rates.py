@@ -15,7 +15,7 @@ from sysid.records.thrust_curve import Law, lagged
 from sysid.rigid_body.body_parameters import RELATIVE, gain_error, held_against_torque, rotation_doubt
 from sysid.rigid_body.model_record import BodyParameter
 from sysid.rigid_body.rotation import AxisFit, RotationFit, fit_rotation
-from tests.sysid.simulated_craft import of_craft
+from tests.sysid.craft_flights import of_craft
 
 QUAD = Vehicle(frame_class="quad", frame_type="x", motors=motor_table("quad", "x"), thrust_expo=0.0)
 FINE, LAG, DELAY, GAIN = 0.0025, 0.035, 0.0125, 60.0

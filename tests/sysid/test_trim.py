@@ -12,8 +12,7 @@ from sysid import validate
 from sysid.records.motor_scaling import curve, motor_commands, motor_pwm
 from sysid.rigid_body.body_motion import LAG, THETA, motion
 from sysid.rigid_body.carried import STATES, carry_states
-from tests.sysid.flown_craft import flown, record
-from tests.sysid.octocopter import RATE, fitted
+from tests.sysid.craft_flights import RATE, fitted, flown, record
 
 #: Commands that the same lift takes with another payload or battery, over those of the flights fitted.
 LOADS = (0.85, 1.05)

@@ -7,7 +7,7 @@ from numba import njit
 
 from logparse import Motor, Vehicle
 from sysid.records.experiment import Experiment
-from tests.sysid.simulated_craft import of_craft
+from tests.sysid.craft_flights import of_craft
 
 MASS, ARM = 1.2, 0.22
 INERTIA = np.array([0.011, 0.014, 0.023])

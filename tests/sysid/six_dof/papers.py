@@ -8,8 +8,8 @@ import numpy as np
 from simulation.vehicle import Multirotor
 from sysid import Experiment, SixDofModel
 from sysid.rigid_body.six_dof.body_record import BodyQuantity
+from tests.sysid.craft_flights import flight
 from tests.sysid.honesty import Stated
-from tests.sysid.simulated_craft import flight
 
 #: Noise of motion capture over that of an autopilot's sensors.
 NOISE = 0.2
