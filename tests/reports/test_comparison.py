@@ -11,6 +11,7 @@ from core.serialization import as_json
 from pipeline.config import ConfigError
 from pipeline.fleet.comparison import compare_reports
 from pipeline.results.report import FleetReport
+from reports.pages import html
 from reports.pages.comparison import comparison_markdown, comparison_page
 from rotorid.cli.main import app
 from tests.reports.made import made
@@ -185,7 +186,10 @@ def test_what_is_no_report_is_refused_in_a_sentence(folders, content):
     assert "odd.json" in str(ran.exception)
 
 
-def test_text_of_reports_is_escaped_in_the_page():
+def test_text_of_reports_is_escaped_in_the_page(monkeypatch):
+    # Templates that were compiled before, with other settings, would be taken from the disk.
+    monkeypatch.setattr(html, "_bytecode_cache", lambda: None)
+    html._environment.cache_clear()
     evil = craft([7.0, 7.1], name="<script>alert(1)</script>")
     page = comparison_page(compare_reports(report(evil), report(evil), ("<b>a</b>", "b")))
     assert "<script>alert(1)" not in page
