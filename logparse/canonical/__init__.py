@@ -105,7 +105,7 @@ class _Builder:
 
     def _rate_columns(self, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
         columns = control.rate_columns(self._messages, wanted)
-        return (self._hover(each.to_frame())[each.name] for each in columns) if self._wings[0] else columns
+        return (self._hover(column.to_frame())[column.name] for column in columns) if self._wings[0] else columns
 
     def _estimate(self) -> pd.DataFrame | None:
         """Return what the autopilot's filter knew."""

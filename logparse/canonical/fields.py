@@ -141,8 +141,8 @@ def instances(
             continue
         counted = numbers(frame, column)
         for number in np.unique(counted[np.isfinite(counted)]):
-            mine = counted == number
-            yield f"{name}[{int(number)}]", frame if mine.all() else rows_of(frame, mine)
+            of_this = counted == number
+            yield f"{name}[{int(number)}]", frame if of_this.all() else rows_of(frame, of_this)
 
 
 def instance_column(frame: pd.DataFrame) -> str | None:
@@ -155,7 +155,7 @@ def pick(tables: list[pd.DataFrame], key: str, preferred: int = 0) -> Sensor:
 
     An instance is healthy when column `key` has at least half as many values as that of the best instance.
     """
-    counts = [int(each[key].notna().sum()) for each in tables]
+    counts = [int(table[key].notna().sum()) for table in tables]
     best = max(counts, default=0)
     if best == 0:
         return None, ()

@@ -152,7 +152,7 @@ def joined_columns(
     t = index.to_numpy()
     missing = np.broadcast_to(np.nan, len(t))  # takes no memory
     for name in columns:
-        table = next((each for each in tables if name in each), None)
+        table = next((part for part in tables if name in part), None)
         values = missing if table is None else sample(table[[name]], t, gap=gap, angles=name in ANGLES)[:, 0]
         yield pd.Series(values, index=index, name=name, copy=False)
 

@@ -299,4 +299,4 @@ class DataflashSource(MessageSource):
         fraction = np.clip((places - before[:, 0]) / distance, 0.0, 1.0)
         t = (before[:, 1] + fraction * (after[:, 1] - before[:, 1])) * 1e-6
         t[before[:, 0] < 0] = 0.0
-        return dict(zip(slots, np.split(t, np.cumsum([len(each) for each in of_each])[:-1]), strict=True))
+        return dict(zip(slots, np.split(t, np.cumsum([len(there) for there in of_each])[:-1]), strict=True))
