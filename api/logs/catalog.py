@@ -28,7 +28,7 @@ from api.work.craft_flights import forget
 from pipeline.storage.store import Store
 
 
-class Kept(NamedTuple):
+class AcceptedLog(NamedTuple):
     """A log that was uploaded; `delete_token` is None where the same bytes had been uploaded before."""
 
     log: Log
@@ -79,7 +79,7 @@ class Catalog:
         """Refuse another log where the owner has as many as one may have."""
         self._quota.check_logs(self.count_logs(owner), more=1)
 
-    def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str) -> list[Kept]:
+    def keep_logs(self, arrived: Sequence[tuple[Upload, str]], owner: str) -> list[AcceptedLog]:
         """Keep logs that have fully arrived, with their names: all or none.
 
         The same bytes of the same owner are the same log.
@@ -100,7 +100,9 @@ class Catalog:
         self._forget(log_id for log_id in placed.values() if log_id not in used)
         return kept
 
-    def _keep(self, arrived: Sequence[tuple[Upload, str]], owner: str, placed: dict[str, str]) -> list[Kept] | None:
+    def _keep(
+        self, arrived: Sequence[tuple[Upload, str]], owner: str, placed: dict[str, str]
+    ) -> list[AcceptedLog] | None:
         """Keep bytes, then rows; None when somebody else kept or deleted the same logs meanwhile.
 
         `placed` gathers the id under which bytes were kept by their digest.
@@ -133,7 +135,7 @@ class Catalog:
                             delete_digest=digest(secret),
                         )
                         session.add(records[upload.sha256])
-                    kept.append(Kept(Log.model_validate(records[upload.sha256]), secret))
+                    kept.append(AcceptedLog(Log.model_validate(records[upload.sha256]), secret))
                 session.flush()
                 if any(received.delete_token is not None for received in kept):
                     self._quota.check_logs(_count_logs(session, owner))

@@ -14,7 +14,7 @@ from starlette.datastructures import Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect
 
-from api.logs.catalog import Catalog, Kept
+from api.logs.catalog import AcceptedLog, Catalog
 from api.problems import ProblemError
 from api.settings import Settings, in_words
 from api.store.scratch import Incoming, Upload
@@ -92,7 +92,7 @@ async def receive_logs(
     settings: Settings,
     recognise: Callable[[Path, str], object] | None = None,
     fields: dict[str, str] | None = None,
-) -> list[Kept]:
+) -> list[AcceptedLog]:
     """Store the logs of an upload: all, or none when something is wrong with one; `fields` gathers other fields."""
     boundary, limit = _boundary(request), settings.upload_limit
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:

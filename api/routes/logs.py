@@ -8,7 +8,7 @@ from fastapi.concurrency import run_in_threadpool
 
 from api import problems
 from api.access import bearer
-from api.logs.catalog import Kept, ended
+from api.logs.catalog import AcceptedLog, ended
 from api.logs.uploads import FORM, receive_logs
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
@@ -56,7 +56,9 @@ async def upload_log(
     return await run_in_threadpool(answer, analysis, parts, include)
 
 
-async def take_upload(request: Request, parts: Parts, owner: str, fields: dict[str, str] | None = None) -> list[Kept]:
+async def take_upload(
+    request: Request, parts: Parts, owner: str, fields: dict[str, str] | None = None
+) -> list[AcceptedLog]:
     """Keep the files that a request brings, which must begin like logs; `fields` gathers the other fields."""
     parts.rates.count_upload(request, owner)
     return await receive_logs(request, parts.incoming, parts.catalog, owner, parts.settings, parts.recognise, fields)
