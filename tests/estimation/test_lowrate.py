@@ -1,7 +1,5 @@
 """The telemetry path: accuracy on simulated truth, and its smoother against filterpy's."""
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -30,8 +28,8 @@ def flight():
 @pytest.fixture(scope="module")
 def telemetry(flight):
     t = flight.tables
-    return replace(
-        t, imu=None, mag=None, attitude=thinned(t.attitude, 0.25), gps=thinned(t.gps, 0.25), baro=thinned(t.baro, 0.5)
+    return t.changed(
+        imu=None, mag=None, attitude=thinned(t.attitude, 0.25), gps=thinned(t.gps, 0.25), baro=thinned(t.baro, 0.5)
     )
 
 
@@ -62,7 +60,7 @@ def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share)
     baro = telemetry.baro.copy()
     struck = np.random.default_rng(5).choice(len(baro), max(3, round(share * len(baro))), replace=False)
     baro.iloc[[*struck, 0], baro.columns.get_loc("alt")] = 210.0
-    spiked = estimate(replace(telemetry, baro=baro), rate=20.0)
+    spiked = estimate(telemetry.changed(baro=baro), rate=20.0)
     for column in ("p_n", "p_e", "p_d", "v_n", "v_e", "v_d"):
         change = (spiked.states[column] - trajectory.states[column]).abs()
         assert (change < trajectory.sigma[column]).all(), column
@@ -91,7 +89,7 @@ def test_a_receiver_that_contradicts_itself_is_named(telemetry):
     gps = telemetry.gps.copy()
     for column in ("v_n", "v_e", "v_d"):
         gps[column] += rng.normal(0.0, 4.0 * gps["s_acc"].to_numpy(), len(gps))
-    findings = [f for f in estimate(replace(telemetry, gps=gps), rate=10.0).findings if f.id == "sensor-doubtful"]
+    findings = [f for f in estimate(telemetry.changed(gps=gps), rate=10.0).findings if f.id == "sensor-doubtful"]
     assert [f.evidence["sensor"] for f in findings] == ["gps_position"]
     assert findings[0].evidence["nis"] > 2.0
 
@@ -100,15 +98,15 @@ def test_vertical_speed_of_the_wrong_sign_is_turned_round(flight, telemetry):
     """Old firmware sends it so: GPS height and barometer were refused, and a dive at 10 m/s became 29 m/s."""
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
-    result = estimate(replace(telemetry, ekf=ekf.assign(v_d=-ekf["v_d"])), rate=20.0)
+    result = estimate(telemetry.changed(ekf=ekf.assign(v_d=-ekf["v_d"])), rate=20.0)
     assert [f.id for f in result.findings] == ["not-logged", "sensor-doubtful"]
     error = errors(result, flight.truth[flight.truth.index > 10.0])
     assert error["v_d"].abs().max() < 5.0 * result.sigma["v_d"].max()
-    right = estimate(replace(telemetry, ekf=ekf), rate=20.0)
+    right = estimate(telemetry.changed(ekf=ekf), rate=20.0)
     assert [f.id for f in right.findings] == ["not-logged"]
     pd.testing.assert_frame_equal(result.states, right.states)
     noise = np.random.default_rng(0).normal(0.0, 3.0, len(ekf))
-    unrelated = estimate(replace(telemetry, ekf=ekf.assign(v_d=noise - 0.2 * ekf["v_d"])), rate=20.0)
+    unrelated = estimate(telemetry.changed(ekf=ekf.assign(v_d=noise - 0.2 * ekf["v_d"])), rate=20.0)
     assert "not used" in next(f.reason for f in unrelated.findings if f.id == "sensor-doubtful")
 
 
@@ -116,7 +114,7 @@ def test_the_autopilots_velocities_are_used_and_its_positions_fill_holes(flight,
     truth = flight.truth[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]]
     ekf = thinned(truth, 0.25).assign(roll=np.nan, pitch=np.nan, yaw=np.nan)
     gps = telemetry.gps[(telemetry.gps.index < 40.0) | (telemetry.gps.index > 60.0)]
-    result = estimate(replace(telemetry, gps=gps, ekf=ekf), rate=20.0)
+    result = estimate(telemetry.changed(gps=gps, ekf=ekf), rate=20.0)
     assert result.diagnostics["position_source"] == "GPS fixes and the autopilot's positions"
     error = errors(result, flight.truth.loc[42.0:58.0])
     assert np.hypot(error["p_n"], error["p_e"]).max() < 0.2
