@@ -117,7 +117,7 @@ class IntactMessages(MessageView):
 
     def __init__(self, messages: Messages, kept: Kept, *, checked: bool):
         super().__init__(messages)
-        self.damaged: dict[str, int] = {}  #: Values that were left out of each message so far.
+        self._left_out: dict[tuple[str, frozenset[str] | None], int] = {}  # Of each look; all fields are None.
         self._kept, self._checked = kept, checked
 
     def __getitem__(self, name: str) -> pd.DataFrame:
@@ -128,13 +128,21 @@ class IntactMessages(MessageView):
     def part(self, name: str, fields: Collection[str]) -> pd.DataFrame:
         """Return a message with no more than some fields where that spares memory."""
         wanted = frozenset(fields)
-        make = lambda: self._intact(name, self._messages.once(name, wanted))  # noqa: E731
+        make = lambda: self._intact(name, self._messages.once(name, wanted), wanted)  # noqa: E731
         return self._kept.get(("intact", name, wanted), make)
 
-    def _intact(self, name: str, frame: pd.DataFrame) -> pd.DataFrame:
-        if self._checked or self.damaged.get(name) == 0:
+    @property
+    def damaged(self) -> dict[str, int]:
+        """Values left out of each message so far; of one that was looked at in parts, those of the worst part."""
+        worst: dict[str, int] = {}
+        for (name, _), count in self._left_out.items():
+            worst[name] = max(count, worst.get(name, 0))
+        return worst
+
+    def _intact(self, name: str, frame: pd.DataFrame, fields: frozenset[str] | None = None) -> pd.DataFrame:
+        if self._checked or 0 in (self._left_out.get((name, None)), self._left_out.get((name, fields))):
             return frame
-        frame, self.damaged[name] = without_stray(name, frame)
+        frame, self._left_out[name, fields] = without_stray(name, frame)
         return frame
 
 

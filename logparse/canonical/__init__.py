@@ -131,14 +131,15 @@ class _Builder:
     @cached_property
     def _wings(self) -> tuple[list[tuple[float, float]], Remarks]:
         """When wings carried a VTOL, and the remark that they did."""
-        wings, remarks = [], Remarks()
+        remarks = Remarks()
         px4, plane = self._kind is Kind.PX4, self._vehicle.firmware == "ArduPlane"
-        if not self._vehicle.motors or not (px4 or plane):
+        wings = wing_borne_px4(self._messages.get("vtol_vehicle_status")) if px4 else []
+        if not self._vehicle.motors or not (wings or plane):
             return [], remarks
         motors = actuators.motors(self._messages, self._kind, self._parameters, self._vehicle, Remarks())
         if motors is None or not len(motors):
             return [], remarks
-        wings = wing_borne(self.tables, motors) if plane else wing_borne_px4(self._messages.get("vtol_vehicle_status"))
+        wings = wing_borne(self.tables, motors) if plane else wings
         if wings:
             end = float(motors.index[-1])
             seconds = sum(min(stop, end) - min(start, end) for start, stop in wings)

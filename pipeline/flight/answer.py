@@ -65,8 +65,8 @@ def next_step(result: FlightResult) -> str:
     """Return what to inspect before the next flight, else how to fly or log better."""
     account = result.account
     if not isinstance(account, Failure):
-        told = {(finding.id, finding.t): place for place, finding in enumerate(account.story)}
-        causes_first = sorted(account.notable, key=lambda each: told.get((each.id, each.t), len(told)))
+        places = {(finding.id, finding.t): place for place, finding in enumerate(account.story)}
+        causes_first = sorted(account.notable, key=lambda finding: places.get((finding.id, finding.t), len(places)))
         if advice := next((finding.advice for finding in causes_first if finding.advice), ""):
             return advice
     if advice := next((finding.advice for finding in _damages(result) if finding.advice), ""):
@@ -125,17 +125,16 @@ _STEADY = 0.025
 
 def happened(account: Account) -> AnswerLine:
     """Answer with the story of the flight in a sentence."""
-    story, told = account.story, {(finding.id, finding.t) for finding in account.story}
-    others = [finding for finding in account.notable if (finding.id, finding.t) not in told]
+    story, notable = account.story, account.notable
     tone = Tone.UNKNOWN if account.flight is None else Tone.GOOD
     if story:
         tone = _TONES[min((finding.severity for finding in story), key=list(_TONES)[::-1].index)]
-    elif others or account.unseen:
+    elif notable or account.unseen:
         tone = Tone.CARE
     remark = ""
-    if others and not story:
+    if notable and not story:
         # Vibration stands in a line of its own.
-        remark = " Look at vibration." if others[0].id == "vibration" else f" To know: {others[0].reason}"
+        remark = " Look at vibration." if notable[0].id == "vibration" else f" To know: {notable[0].reason}"
     return AnswerLine(purpose="Happened", word=account.in_short, tone=tone, text=account.headline + remark)
 
 

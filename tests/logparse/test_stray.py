@@ -9,6 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from logparse.flights import Flight
+from logparse.kept import Kept
+from logparse.messages import IntactMessages
 from logparse.rest import ACCEL, GYRO, at_rest, calibration
 from logparse.stray import without_stray
 from logparse.tables import Tables
@@ -225,3 +227,20 @@ def test_a_damaged_number_that_signals_is_passed_without_a_warning():
     kept, count = without_stray("ATT", pd.DataFrame({"Roll": values}, index=0.1 * np.arange(N)))
     assert count == 0
     assert np.isnan(kept["Roll"].iloc[AT])
+
+
+class Parts(dict):
+    """Messages of which fields can be had alone."""
+
+    def once(self, name, fields=None):
+        return self[name][sorted(fields)] if fields else self[name]
+
+
+def test_fields_are_looked_at_though_others_of_the_message_were_intact():
+    """What was found intact of the first fields that somebody asked for was taken for the whole message."""
+    frame, added = message("IMU")
+    frame.iloc[AT, frame.columns.get_loc("AccZ")] += added["AccZ"]
+    messages = IntactMessages(Parts(IMU=frame), Kept(), checked=False)
+    assert messages.part("IMU", ("GyrX", "GyrY")).notna().all(axis=None)
+    assert np.isnan(messages.part("IMU", ("AccX", "AccZ"))["AccZ"].iloc[AT])
+    assert messages.damaged == {"IMU": 1}
