@@ -21,8 +21,8 @@ INSTANCE_NAMES = ("I", "Instance", "Inst")
 class Boot:
     """One power-up of the autopilot inside a file: a span of the file with one monotonic boot clock.
 
-    `start` and `stop` are byte offsets (line numbers in text logs) into the file, `t_start` and `t_end` seconds
-    on this boot's clock.
+    `start` and `stop` are byte offsets into the file, or into the binary log that is made of a text log; `t_start` and
+    `t_end` are seconds on this boot's clock.
     """
 
     start: int

@@ -99,7 +99,9 @@ def _time_us(data: Bytes, p: Int, time_width: Int, time_offset: Int) -> Int:
         # Beyond ten thousand years the clock is not a clock.
         return np.int64(t) if t < np.uint64(1 << 58) else np.int64(-1)
     if time_width == 4:
-        return np.int64(_u32(data, p + np.uint64(time_offset))) * np.int64(1000)
+        t = _u32(data, p + np.uint64(time_offset))
+        # Milliseconds of the receiver's week, the clock of old firmware, are zero before its first fix.
+        return np.int64(t) * np.int64(1000) if t != np.uint32(0) else np.int64(-1)
     return np.int64(-1)
 
 
@@ -344,24 +346,6 @@ def _advance_clock(t: Int, index: Int, position: Int, boots: Int64s, state: Int6
     state[PENDING] = 0
     state[FORMAT_INDEX] = -1
     state[LOG_BEGINS] = 0
-
-
-@njit(cache=True, nogil=True)
-def follow_clock(
-    times: Int64s, is_format: npt.NDArray[np.bool_], begins: npt.NDArray[np.bool_], boots: Int64s, state: Int64s
-) -> None:  # fmt: skip
-    """Find the boots among rows of a text log: `times` in us (-1: none), whether a row is a FMT row, or that of FMT.
-
-    `boots` and `state` are as in `follow_chain`, with row numbers for bytes.
-    """
-    for index in range(times.size):
-        if is_format[index] and state[FORMAT_INDEX] < 0:
-            state[FORMAT_INDEX] = index
-            state[FORMAT_POSITION] = index
-        if begins[index]:
-            state[LOG_BEGINS] = 1
-        if times[index] >= 0 and state[BOOTS] + 1 < boots.shape[0]:
-            _advance_clock(times[index], np.int64(index), np.int64(index), boots, state)
 
 
 @njit(cache=True, nogil=True)

@@ -23,7 +23,7 @@ _LAST_PAUSE_US = 60_000_000
 
 
 def boots_of(rows: npt.NDArray[np.int64], state: npt.NDArray[np.int64], size: int) -> tuple[Boot, ...]:
-    """Return the boots of a file of `size` bytes (or lines)."""
+    """Return the boots of a file of `size` bytes."""
     n = int(state[_decode.BOOTS])
     rows = rows[: n + 1].copy()
     rows[n, 2:] = state[_decode.BOOT_START], state[_decode.TIME]
@@ -73,6 +73,11 @@ class Slot:
     def name(self) -> str:
         """Name of the message."""
         return self.definition.name or f"ID{self.definition.id}"
+
+    @property
+    def is_receivers_clock(self) -> bool:
+        """Whether the clock is the week of the GPS receiver, in firmware that logs no other."""
+        return self.time is not None and self.time.name == "Time"
 
     def scales(self, table: UnitTable) -> list[tuple[float, float]]:
         """Factor and divisor of each field."""
@@ -327,7 +332,7 @@ class Chain:
         counts = raw.view(f"<u{width}")[:, 0]
         clock: Int64s = counts.astype(np.int64)
         if width == 4:
-            return clock * 1000
+            return np.asarray(np.where(counts > 0, clock * 1000, -1))
         clock[counts >= np.uint64(1 << 58)] = -1  # beyond ten thousand years the clock is not a clock
         return clock
 

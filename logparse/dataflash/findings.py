@@ -44,6 +44,11 @@ def scan_findings(chain: "Chain") -> Iterator[Finding]:
             "time.",
             COPY_AGAIN,
         )
+    if any(slot.is_receivers_clock for slot in chain.slots):
+        yield info(
+            "clock-doubtful",
+            "The firmware of this log wrote no boot clock; times are the GPS receiver's, seconds of the week.",
+        )
     yield from several_boots(chain.boots)
 
 

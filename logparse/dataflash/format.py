@@ -19,6 +19,9 @@ HEADER_LENGTH = 3
 FMT_ID = 128
 #: Bytes of a FMT row with its header; the one layout that a reader must know beforehand.
 FMT_LENGTH = 89
+#: Most bytes that a FMT row can say of a message: its length, its name, its format and its labels.
+LONGEST_MESSAGE = 255
+_LONGEST = LONGEST_NAME, LONGEST_FORMAT, LONGEST_LABELS = 4, 16, 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,6 +178,12 @@ class Definition:
             return None
         return HEADER_LENGTH + sum(_SIZES[char] for char in self.format)
 
+    @property
+    def is_writable(self) -> bool:
+        """Whether a FMT row can say it."""
+        texts = zip((self.name, self.format, ",".join(self.labels)), _LONGEST, strict=True)
+        return self.length <= LONGEST_MESSAGE and all(len(text.encode()) <= longest for text, longest in texts)
+
     def fields(self, length: int | None = None) -> tuple[Field, ...]:
         """Fields that lie within `length` bytes (default: the declared length) and before any unknown character.
 
@@ -203,9 +212,9 @@ class Definition:
         return (
             HEADER
             + bytes((FMT_ID, self.id, self.length))
-            + self.name.encode("ascii").ljust(4, b"\0")
-            + self.format.encode("ascii").ljust(16, b"\0")
-            + ",".join(self.labels).encode("ascii").ljust(64, b"\0")
+            + self.name.encode().ljust(LONGEST_NAME, b"\0")
+            + self.format.encode().ljust(LONGEST_FORMAT, b"\0")
+            + ",".join(self.labels).encode().ljust(LONGEST_LABELS, b"\0")
         )
 
     @classmethod

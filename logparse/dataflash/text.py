@@ -2,31 +2,41 @@
 
 Each line is a message: its name, then its values, separated by commas. FMT lines declare the columns as in the binary
 format, but values of the legacy characters are printed scaled and flight modes often by name. Lines before the first
-FMT line and lines that do not fit their format are passed over.
+FMT line and lines that do not fit their format are passed over. The others are written as the binary log that they came
+from, with wider columns where the text holds more than the format says, and read as such.
 """
 
 import re
-from collections.abc import Collection, Iterable, Iterator
-from functools import cached_property
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import pandas as pd
 
 from core.errors import LogError
-from core.findings import Finding, info, warning
+from core.findings import Finding, warning
 from logparse.containers import Buffer
-from logparse.dataflash import _decode
-from logparse.dataflash.chain import boots_of
-from logparse.dataflash.format import FMT, FMT_ID, Definition, Field, UnitTable, boot_clock
-from logparse.source import Boot, MessageSource, listed, mended_times, several_boots
-from logparse.timebase import mend_times
+from logparse.dataflash.binary import DataflashSource
+from logparse.dataflash.format import (
+    FIELD_TYPES,
+    FMT,
+    FMT_ID,
+    HEADER_LENGTH,
+    LONGEST_NAME,
+    Definition,
+    Field,
+    boot_clock,
+)
+from logparse.dataflash.writer import MessageLayout, interleaved
+from logparse.source import listed
 
 _FMT_LINE = re.compile(rb"^\s*FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
 _SEPARATOR = re.compile(r"[,\s]\s*")
-_MOST_BOOTS = 64
+#: A number of a few digits: `isdigit` takes powers for some, and Python converts none of thousands.
+_WHOLE = re.compile("[0-9]{1,4}")
 
+#: Names that one byte tells apart, but for the one of FMT and one more.
+_MOST_NAMES = 254
 #: Lines before the first message that are kept, and characters of each.
 _MOST_PRELUDE, _LONGEST_PRELUDE = 64, 200
 
@@ -36,242 +46,129 @@ def looks_like(head: bytes) -> bool:
     return _FMT_LINE.search(head) is not None
 
 
-class _Group:
-    """Lines of one message type under one definition."""
-
-    def __init__(self, definition: Definition):
-        self.definition = definition
-        self.lines: list[int] = []
-        self.texts: list[str] = []
-        self.fields: tuple[Field, ...] = _fields(definition)
-        self.time, self.time_scale = boot_clock(definition.name, self.fields)
-        self.units = ""
-        self.multipliers = ""
-
-    @cached_property
-    def _split(self) -> tuple[npt.NDArray[np.int64], list[tuple[str, ...]]]:
-        """Line numbers and cells of the lines that fit the format."""
-        n = len(self.fields)
-        # A comma within the last text belongs to the text.
-        splits = n - 1 if n and self.fields[-1].type.is_text else -1
-        numeric = [k for k, field in enumerate(self.fields) if not _may_be_text(field)]
-        numbers, rows = [], []
-        for number, text in zip(self.lines, self.texts, strict=True):
-            cells = [cell.strip() for cell in text.split(",", splits)] if n else []
-            if len(cells) != n:
-                cells = _SEPARATOR.split(text)
-            if len(cells) == n and _are_numbers(cells[k] for k in numeric):
-                numbers.append(number)
-                rows.append(tuple(cells))
-        return np.array(numbers, np.int64), rows
-
-    @property
-    def numbers(self) -> npt.NDArray[np.int64]:
-        """Line of each row."""
-        return self._split[0]
-
-    @property
-    def rows(self) -> int:
-        """Rows that fit the format."""
-        return len(self._split[0])
-
-    @property
-    def misfits(self) -> int:
-        """Lines that do not."""
-        return len(self.lines) - self.rows
-
-    @cached_property
-    def cells(self) -> list[tuple[str, ...]]:
-        """Cells by column."""
-        return list(zip(*self._split[1], strict=True)) if self.rows else [() for _ in self.fields]
-
-    @property
-    def is_gps_clock(self) -> bool:
-        """Whether the clock of this message is that of the GPS receiver, in firmware that logs no other."""
-        return self.time is not None and self.time.name == "Time"
-
-    def times(self) -> npt.NDArray[np.int64]:
-        """Boot clock of each row, us; -1 where there is none."""
-        if self.time is None:
-            return np.full(self.rows, -1, np.int64)
-        values = _numbers(self.cells[self.fields.index(self.time)], self.time)
-        seconds = np.asarray(values, np.float64) / self.time_scale
-        if self.is_gps_clock:
-            seconds[seconds == 0.0] = -1.0  # no fix yet
-        return np.rint(np.where((seconds >= 0) & (seconds < 1e11), seconds * 1e6, -1.0)).astype(np.int64)
-
-
-class DataflashTextSource(MessageSource):
-    """An opened DataFlash text log; positions are line numbers from 0. LogError where not one line fits a FMT line."""
+class DataflashTextSource(DataflashSource):
+    """An opened DataFlash text log; LogError where not one line fits a FMT line."""
 
     format = "dataflash-text"
 
     def __init__(self, buffer: Buffer):
-        self._unknown: dict[str, int] = {}
-        self._mended: dict[str, int] = {}
-        self._groups: list[_Group] = []
-        self._units = UnitTable()
-        self._size = 0
-        self._read_lines(bytes(buffer[:]))
-        if not any(group.rows for group in self._groups):
+        text = _Text(bytes(buffer[:]))
+        binary = text.as_binary()
+        if not binary:
             raise LogError("no line of this DataFlash text log fits a FMT line")
-        self._read_units()
-        self._find_boots()
+        super().__init__(binary)
+        #: What the autopilot printed before its first message: firmware, board.
+        self.prelude = text.prelude
+        self._line_findings = tuple(text.findings())
 
-    def _read_lines(self, raw: bytes) -> None:
-        in_force: dict[str, _Group] = {}
-        unknown = self._unknown
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What reading the lines and the decoding so far had to say."""
+        return (*self._line_findings, *super().findings)
+
+
+class _Group:
+    """Lines of one message type under one definition."""
+
+    def __init__(self, definition: Definition):
+        self.declared = definition
+        self.lines: list[int] = []
+        self.texts: list[str] = []
+
+    def pack(self, message_id: int) -> None:
+        """Write the lines that fit the format as rows: `definition`, the `rows` and the lines of these, `numbers`."""
+        fields = _fields(self.declared)
+        self.numbers, cells = self._split(fields)
+        columns = {item.name: _column(column, item) for item, column in zip(fields, cells, strict=True)}
+        form = "".join(char for char, _ in columns.values())
+        length = HEADER_LENGTH + sum(FIELD_TYPES[char].size for char in form)
+        self.definition = Definition(message_id, length, self.declared.name, form, tuple(columns))
+        if not self.definition.is_writable:  # no autopilot's
+            self.numbers = self.numbers[:0]
+            self.definition = Definition(message_id, HEADER_LENGTH, self.declared.name, "", ())
+        values = {name: values for name, (_, values) in columns.items()}
+        self.rows = MessageLayout(self.definition, "").pack(values, len(self.numbers))
+
+    def _split(self, fields: Sequence[Field]) -> tuple[npt.NDArray[np.int64], list[list[str]]]:
+        """Line numbers, and cells by column, of the lines that fit the format."""
+        n = len(fields)
+        # A comma within the last text belongs to the text.
+        splits = n - 1 if n and fields[-1].type.is_text else -1
+        numbers, rows = [], []
+        for number, text in zip(self.lines, self.texts, strict=True):
+            cells = text.split(",", splits) if n else []
+            if len(cells) != n:
+                cells = _SEPARATOR.split(text.strip())
+            if len(cells) == n:
+                numbers.append(number)
+                rows.append(cells)
+        columns = [[cells[k] for cells in rows] for k in range(n)]
+        clock, _ = boot_clock(self.declared.name, fields)
+        fit = np.ones(len(rows), bool)
+        for item, column in zip(fields, columns, strict=True):
+            if not _may_be_text(item):
+                fit &= _numeric(column, _limits(item) if item is clock or item.type.divisor != 1 else None)
+        if not fit.all():
+            columns = [[cell for cell, kept in zip(column, fit, strict=True) if kept] for column in columns]
+        return np.array(numbers, np.int64)[fit], columns
+
+
+class _Text:
+    """The lines of a log, sorted by message."""
+
+    def __init__(self, raw: bytes):
+        self._groups: list[_Group] = []
+        self._declared: list[tuple[int, _Group]] = []  # Line of each FMT line, and what it declares.
+        self._unknown: dict[str, int] = {}
+        self._misfits: dict[str, int] = {}
         start = _FMT_LINE.search(raw)
         lines = raw.decode("utf-8", "replace").split("\n")
         before = raw[: start.start()].count(b"\n") if start else 0
-        #: What the autopilot printed before its first message: firmware, board.
         self.prelude = tuple(line.strip()[:_LONGEST_PRELUDE] for line in lines[: min(before, _MOST_PRELUDE)])
-        number = before - 1
+        in_force: dict[str, _Group] = {}
         for number, line in enumerate(lines[before:], start=before):
             name, comma, text = line.partition(",")
             name = name.strip()
             if not comma:
                 # Some writers separate by blanks alone.
                 name, _, text = name.partition(" ")
-            if name == "FMT":
-                definition = _definition(text)
-                if definition is not None:
-                    known = in_force.get(definition.name)
-                    if known is None or known.definition != definition:
-                        in_force[definition.name] = _Group(definition)
-                        self._groups.append(in_force[definition.name])
-                    if FMT.name not in in_force:
-                        in_force[FMT.name] = _Group(FMT)
-                        self._groups.append(in_force[FMT.name])
-            group = in_force.get(name)
-            if group is not None:
-                group.lines.append(number)
-                group.texts.append(text)
+            if name == FMT.name:
+                self._declare(number, text, in_force)
+            elif name in in_force:
+                in_force[name].lines.append(number)
+                in_force[name].texts.append(text)
             elif name:
-                unknown[name] = unknown.get(name, 0) + 1
-        self._size = number + 1
+                self._unknown[name] = self._unknown.get(name, 0) + 1
 
-    def _read_units(self) -> None:
-        """Read the UNIT, MULT and FMTU lines; ids are printed as numbers or as the characters they are."""
-        by_id = {group.definition.id: group for group in self._groups}
+    def _declare(self, number: int, text: str, in_force: dict[str, _Group]) -> None:
+        definition = _definition(text)
+        if definition is None or (len(in_force) > _MOST_NAMES and definition.name not in in_force):
+            self._misfits[FMT.name] = self._misfits.get(FMT.name, 0) + 1
+            return
+        known = in_force.get(definition.name)
+        if known is None or known.declared != definition:
+            known = in_force[definition.name] = _Group(definition)
+            self._groups.append(known)
+        self._declared.append((number, known))
+
+    def as_binary(self) -> bytes:
+        """Return the lines that fit as a binary log; empty where there is none."""
+        ids = _message_ids([group.declared for group in self._groups])
         for group in self._groups:
-            columns = dict(zip((field.name for field in group.fields), group.cells, strict=True))
-            name = group.definition.name
-            if name == "UNIT" and {"Id", "Label"} <= set(columns):
-                for unit_id, label in zip(columns["Id"], columns["Label"], strict=True):
-                    self._units.add_unit(_character(unit_id), label)
-            elif name == "MULT" and {"Id", "Mult"} <= set(columns):
-                for multiplier_id, multiplier in zip(columns["Id"], columns["Mult"], strict=True):
-                    self._units.add_multiplier(_character(multiplier_id), float(multiplier))
-            elif name == "FMTU" and {"FmtType", "UnitIds", "MultIds"} <= set(columns):
-                for row in zip(columns["FmtType"], columns["UnitIds"], columns["MultIds"], strict=True):
-                    target = by_id.get(_character(row[0]))
-                    if target is not None:
-                        target.units, target.multipliers = row[1], row[2]
+            group.pack(ids[group.declared.name])
+            if misfits := len(group.lines) - len(group.numbers):
+                self._misfits[group.declared.name] = self._misfits.get(group.declared.name, 0) + misfits
+        if not self._declared:
+            return b""
+        formats = np.frombuffer(b"".join(group.definition.pack() for _, group in self._declared), np.uint8)
+        packed = [formats.reshape(len(self._declared), -1), *(group.rows for group in self._groups)]
+        numbers = [np.array([number for number, _ in self._declared]), *(group.numbers for group in self._groups)]
+        return interleaved(packed, numbers).tobytes()
 
-    def _find_boots(self) -> None:
-        numbers = np.concatenate([group.numbers for group in self._groups])
-        times = np.concatenate([group.times() for group in self._groups])
-        formats = [group.definition.name == FMT.name for group in self._groups]
-        is_format = np.repeat(formats, [group.rows for group in self._groups])
-        begins = is_format.copy()
-        defined = [group.cells[0] for group, is_one in zip(self._groups, formats, strict=True) if is_one]
-        begins[is_format] = np.concatenate([np.empty(0, "U3"), *defined]) == str(FMT_ID)
-        order = np.argsort(numbers, kind="stable")
-        self._clock_lines, self._clock = numbers[order], times[order]
-        rows, state = np.zeros((_MOST_BOOTS, 4), np.int64), np.zeros(_decode.STATE_SIZE, np.int64)
-        state[_decode.FORMAT_INDEX] = -1
-        _decode.follow_clock(self._clock, is_format[order], begins[order], rows, state)
-        n = int(state[_decode.BOOTS])
-        # From row numbers to line numbers.
-        rows[1 : n + 1, 1] = self._clock_lines[rows[1 : n + 1, 1]]
-        self._boots = boots_of(rows, state, self._size)
-
-    @property
-    def boots(self) -> tuple[Boot, ...]:
-        """Power-ups in the file."""
-        return self._boots
-
-    def counts(self, boot: Boot) -> dict[str, int]:
-        """Rows of each message type in this boot."""
-        counts: dict[str, int] = {}
-        for group in self._groups:
-            rows = len(self._selected(group, boot))
-            if rows:
-                counts[group.definition.name] = counts.get(group.definition.name, 0) + rows
-        return counts
-
-    @staticmethod
-    def _selected(group: _Group, boot: Boot) -> range:
-        a, b = np.searchsorted(group.numbers, (boot.start, boot.stop))
-        return range(int(a), int(b))
-
-    def decode_many(
-        self, names: Iterable[str], boot: Boot, fields: Collection[str] | None = None
-    ) -> dict[str, pd.DataFrame]:
-        """Return several message types."""
-        return {name: self._decode(name, boot) for name in names}
-
-    def _decode(self, name: str, boot: Boot) -> pd.DataFrame:
-        groups = [g for g in self._groups if g.definition.name == name and len(self._selected(g, boot))]
-        if not groups:
-            raise KeyError(name)
-        frames = [self._frame(group, self._selected(group, boot), boot) for group in groups]
-        if len(frames) == 1:
-            return frames[0]
-        attrs = {key: value for frame in frames for key, value in frame.attrs.items()}
-        order = np.argsort(np.concatenate([group.numbers[self._selected(group, boot)] for group in groups]))
-        for frame in frames:
-            frame.attrs = {}
-        joined = pd.concat(frames).iloc[order]
-        joined.attrs = attrs
-        return joined
-
-    def _frame(self, group: _Group, selected: range, boot: Boot) -> pd.DataFrame:
-        columns: dict[str, object] = {}
-        multipliers: dict[str, float] = {}
-        stated = group.multipliers.ljust(len(group.fields), "-")
-        for field, cells, multiplier_id in zip(group.fields, group.cells, stated, strict=False):
-            values = _column(cells[selected.start : selected.stop], field)
-            if field.type.divisor == 1 and isinstance(values, np.ndarray):
-                up, down = self._units.scale(field, multiplier_id, group.time)
-                if up != down:
-                    values = values * up / down
-                    multipliers[field.name] = up / down
-            columns[field.name] = values
-        frame = pd.DataFrame(columns, index=pd.Index(self._times(group, selected, boot), name="t"))
-        frame.attrs["units"] = self._units.units(group.fields, group.units, group.time, group.time_scale)
-        frame.attrs["multipliers"] = multipliers
-        instance = group.units.find("#")
-        if 0 <= instance < len(group.fields):
-            frame.attrs["instance"] = group.fields[instance].name
-        return frame
-
-    def _times(self, group: _Group, selected: range, boot: Boot) -> npt.NDArray[np.float64]:
-        """Boot clock of rows, s; those without one lie between the timed lines around them."""
-        if group.time is not None:
-            seconds = group.times()[selected.start : selected.stop].astype(np.float64) * 1e-6
-            t, mended = mend_times(seconds, boot.t_start, boot.t_end)
-            if mended:
-                self._mended[group.definition.name] = mended
-            return t
-        a, b = np.searchsorted(self._clock_lines, (boot.start, boot.stop))
-        lines, clock = self._clock_lines[a:b], self._clock[a:b] * 1e-6
-        timed = (clock >= max(boot.t_start - 5.0, 0.0)) & (clock <= boot.t_end + 5.0)
-        numbers = group.numbers[selected.start : selected.stop]
-        if not timed.any():
-            return np.zeros(len(numbers))
-        return np.interp(numbers, lines[timed], clock[timed])
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """What reading the lines and the decoding so far had to say."""
-        return (*self._line_findings(), *several_boots(self._boots), *mended_times(self._mended))
-
-    def _line_findings(self) -> Iterator[Finding]:
-        if misfits := {g.definition.name: g.misfits for g in self._groups if g.misfits}:
-            total = sum(misfits.values())
-            text = f"{total} lines do not fit their format ({listed(misfits)}); they were skipped."
+    def findings(self) -> Iterator[Finding]:
+        """Name the lines that were passed over."""
+        if total := sum(self._misfits.values()):
+            text = f"{total} lines do not fit their format ({listed(self._misfits)}); they were skipped."
             yield warning("file-damaged", text, lines=total)
         if self._unknown:
             total, names = sum(self._unknown.values()), listed(repr(name[:20]) for name in self._unknown)
@@ -280,15 +177,16 @@ class DataflashTextSource(MessageSource):
                 f"{total} lines begin with a name that no FMT line explains ({names}); they were skipped.",
                 messages=total,
             )
-        if any(group.is_gps_clock for group in self._groups):
-            yield info(
-                "clock-doubtful",
-                "The firmware of this log wrote no boot clock; times are the GPS receiver's, seconds of the week.",
-            )
 
 
-#: A number of a few digits: `isdigit` takes powers for some, and Python converts none of thousands.
-_WHOLE = re.compile("[0-9]{1,4}")
+def _message_ids(definitions: Iterable[Definition]) -> dict[str, int]:
+    """Return the id of each name as declared, or another where two names share one."""
+    ids = {FMT.name: FMT_ID}
+    for definition in definitions:
+        if definition.name not in ids:
+            taken = set(ids.values())
+            ids[definition.name] = next(k for k in (definition.id, *range(256)) if k not in taken)
+    return ids
 
 
 def _definition(text: str) -> Definition | None:
@@ -296,10 +194,12 @@ def _definition(text: str) -> Definition | None:
     cells = [cell.strip() for cell in text.split(",")]
     if len(cells) < 4 or not all(map(_WHOLE.fullmatch, cells[:2])) or not cells[2].isidentifier():
         return None
+    if len(cells[2].encode()) > LONGEST_NAME:
+        return None
     labels = tuple(cell for cell in cells[4:] if cell)
     if cells[2] == FMT.name:
         return FMT  # Old logs list four labels for its five fields.
-    return Definition(int(cells[0]), int(cells[1]), cells[2], cells[3], labels)
+    return Definition(int(cells[0]) & 0xFF, int(cells[1]), cells[2], cells[3], labels)
 
 
 def _fields(definition: Definition) -> tuple[Field, ...]:
@@ -309,39 +209,52 @@ def _fields(definition: Definition) -> tuple[Field, ...]:
     return Definition(definition.id, 10**6, definition.name, form, definition.labels).fields()
 
 
-def _may_be_text(field: Field) -> bool:
+def _may_be_text(item: Field) -> bool:
     # Flight modes are printed by name, arrays in no agreed way, and ids of units perhaps as the character they are.
-    return field.type.is_text or field.char in "Ma" or (field.name == "Id" and field.char == "b")
+    return item.type.is_text or item.char in "Ma" or _is_character(item)
 
 
-def _character(cell: str) -> int:
-    return int(cell) if _WHOLE.fullmatch(cell.removeprefix("-")) else ord(cell[:1] or "-")
+def _is_character(item: Field) -> bool:
+    return item.name == "Id" and item.char == "b"
 
 
-def _are_numbers(cells: Iterable[str]) -> bool:
+def _limits(item: Field) -> tuple[float, float]:
+    """Return the least and the largest number that a column holds which is written as declared; others may be wider."""
+    limits = np.iinfo(item.type.dtype)
+    return limits.min / item.type.divisor, limits.max / item.type.divisor
+
+
+def _numeric(cells: Sequence[str], limits: tuple[float, float] | None = None) -> npt.NDArray[np.bool_]:
+    """Return which cells are numbers, within limits where there are any."""
     try:
-        for cell in cells:
-            float(cell)
+        values = np.array([float(cell) for cell in cells])
     except ValueError:
-        return False
-    return True
+        half = len(cells) // 2
+        halves = [_numeric(part, limits) for part in (cells[:half], cells[half:])] if half else []
+        return np.concatenate(halves) if half else np.zeros(1, bool)
+    return np.ones(len(cells), bool) if limits is None else (values >= limits[0]) & (values <= limits[1])
 
 
-def _numbers(cells: tuple[str, ...], field: Field) -> npt.NDArray[Any]:
-    """Numbers of the declared type, or wider where the text holds more than that type."""
-    dtype = field.type.dtype
-    if field.type.divisor == 1 and dtype.kind in "iu":
+def _character(cell: str) -> str:
+    """Return the number of a character, which may be printed as it is."""
+    return cell if _WHOLE.fullmatch(cell.removeprefix("-")) else str(ord(cell[:1] or "-"))
+
+
+def _column(cells: list[str], item: Field) -> tuple[str, npt.NDArray[Any] | list[bytes]]:
+    """Return a column as numbers or texts, and the format character that holds them."""
+    kind = item.type
+    if _is_character(item):
+        cells = [_character(cell.strip()) for cell in cells]
+    elif kind.is_text or item.char == "a" or (item.char == "M" and not _numeric(cells).all()):
+        texts = [cell.strip().encode()[: FIELD_TYPES["Z"].size] for cell in cells]
+        longest = max(map(len, texts), default=0)
+        wide = [char for char in (item.char, "n", "N", "Z") if FIELD_TYPES[char].is_text]
+        return next(char for char in wide if FIELD_TYPES[char].size >= longest), texts
+    if kind.divisor == 1 and kind.dtype.kind in "iu":
         try:
-            values, limits = list(map(int, cells)), np.iinfo(dtype)
-            if not values or (min(values) >= limits.min and max(values) <= limits.max):
-                return np.array(values, dtype)
-        except ValueError:
+            counts, limits = [int(cell) for cell in cells], np.iinfo(kind.dtype)
+            if not counts or (min(counts) >= limits.min and max(counts) <= limits.max):
+                return item.char, np.array(counts, kind.dtype)
+        except ValueError:  # such as 1e3
             pass
-    return np.array(list(map(float, cells)), np.float64)
-
-
-def _column(cells: tuple[str, ...], field: Field) -> Any:
-    is_text = field.type.is_text or field.char == "a"
-    if is_text or (_may_be_text(field) and not _are_numbers(cells)):
-        return pd.array(list(cells), dtype="str")
-    return _numbers(cells, field)
+    return "d" if kind.divisor == 1 else item.char, np.array([float(cell) for cell in cells])

@@ -19,6 +19,10 @@ from logparse.dataflash.format import (
     FMT_ID,
     HEADER,
     HEADER_LENGTH,
+    LONGEST_FORMAT,
+    LONGEST_LABELS,
+    LONGEST_MESSAGE,
+    LONGEST_NAME,
     MULTIPLIERS,
     TIME_COLUMNS,
     UNITS,
@@ -26,16 +30,13 @@ from logparse.dataflash.format import (
     Field,
 )
 
-_LONGEST_MESSAGE = 255
-_LONGEST_FORMAT = 16
-_LONGEST_LABELS = 64
 _LAST_ID = 254
 
 #: Rows that a table of `write_dataflash` consists of: name, format, unit ids, multiplier ids, columns.
 MessageTable = tuple[str, str, str, str, pd.DataFrame]
 
 
-class _Layout:
+class MessageLayout:
     """One defined message: how its columns become the bytes of its rows."""
 
     def __init__(self, definition: Definition, multipliers: str):
@@ -80,7 +81,7 @@ class DataflashWriter:
     def __init__(self, stream: BinaryIO, start_us: int = 0):
         self._stream = stream
         self._time_us = start_us
-        self._layouts: dict[str, _Layout] = {}
+        self._layouts: dict[str, MessageLayout] = {}
         self._ids: set[int] = {FMT_ID}
         self._declare(FMT, "")
         for name, form, labels in (
@@ -143,57 +144,65 @@ class DataflashWriter:
             times.append(table_time)
         if not packed:
             return
-        lengths = np.concatenate([np.full(len(raw), raw.shape[1], np.int64) for raw in packed])
-        order = np.argsort(np.concatenate(times), kind="stable")
-        starts = np.empty(len(order), np.int64)
-        starts[order] = np.cumsum(lengths[order]) - lengths[order]
-        out = np.empty(int(lengths.sum()), np.uint8)
-        first = 0
-        for raw in packed:
-            rows, length = raw.shape
-            out[starts[first : first + rows, None] + np.arange(length)] = raw
-            first += rows
-        self._stream.write(out.data)
+        self._stream.write(interleaved(packed, times).data)
         last = max((float(t.max()) for t in times if len(t)), default=0.0)
         self._time_us = max(self._time_us, round(last * 1e6))
 
     def _definition(self, name: str, form: str, labels: Sequence[str], wanted: int | None) -> Definition:
-        if not 0 < len(name.encode("ascii")) <= 4:
+        if not 0 < len(name.encode("ascii")) <= LONGEST_NAME:
             raise ValueError(f"a message name has one to four characters, not {name!r}")
         unknown = set(form) - set(FIELD_TYPES)
-        if unknown or len(form) > _LONGEST_FORMAT:
-            raise ValueError(f"{name}: format {form!r} has unknown characters or more than {_LONGEST_FORMAT}")
+        if unknown or len(form) > LONGEST_FORMAT:
+            raise ValueError(f"{name}: format {form!r} has unknown characters or more than {LONGEST_FORMAT}")
         if len(labels) != len(form) or len(set(labels)) != len(labels):
             raise ValueError(f"{name}: {len(form)} format characters need as many different labels, not {labels}")
-        if len(",".join(labels)) > _LONGEST_LABELS:
-            raise ValueError(f"{name}: labels are longer than {_LONGEST_LABELS} characters together")
+        if len(",".join(labels)) > LONGEST_LABELS:
+            raise ValueError(f"{name}: labels are longer than {LONGEST_LABELS} characters together")
         length = HEADER_LENGTH + sum(FIELD_TYPES[char].size for char in form)
-        if length > _LONGEST_MESSAGE:
-            raise ValueError(f"{name}: a message has at most {_LONGEST_MESSAGE} bytes, this has {length}")
+        if length > LONGEST_MESSAGE:
+            raise ValueError(f"{name}: a message has at most {LONGEST_MESSAGE} bytes, this has {length}")
         if wanted is None:
             # Ids above FMT's first, as ArduPilot numbers its common messages, then those below.
             free = (k for k in (*range(FMT_ID + 1, _LAST_ID + 1), *range(FMT_ID)) if k not in self._ids)
             wanted = next(free, None)
             if wanted is None:
                 raise ValueError("all message ids are taken")
-        elif not 0 <= wanted <= _LONGEST_MESSAGE or wanted == FMT_ID:
+        elif not 0 <= wanted <= LONGEST_MESSAGE or wanted == FMT_ID:
             raise ValueError(f"{name}: {wanted} cannot be the id of a message")
         return Definition(wanted, length, name, form, tuple(labels))
 
     def _declare(self, definition: Definition, multipliers: str) -> None:
         for name in [n for n, layout in self._layouts.items() if layout.definition.id == definition.id]:
             del self._layouts[name]
-        self._layouts[definition.name] = _Layout(definition, multipliers)
+        self._layouts[definition.name] = MessageLayout(definition, multipliers)
         self._ids.add(definition.id)
         self._stream.write(definition.pack())
 
     def _write_units(self, name: str, units: str, multipliers: str) -> None:
         self.write("FMTU", self._time_us, self._layouts[name].definition.id, units, multipliers)
 
-    def _write_rows(self, layout: _Layout, raw: npt.NDArray[np.uint8]) -> None:
+    def _write_rows(self, layout: MessageLayout, raw: npt.NDArray[np.uint8]) -> None:
         self._stream.write(raw.tobytes())
         if len(raw) and layout.fields and layout.fields[0].name == "TimeUS":
             self._time_us = int(raw[-1, HEADER_LENGTH : HEADER_LENGTH + 8].copy().view("<u8")[0])
+
+
+def interleaved(packed: Sequence[npt.NDArray[np.uint8]], keys: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
+    """Return the rows of several messages as one stream in the order of their keys, those of one key as they come.
+
+    Shapes: each of `packed` (rows, bytes of the message), of `keys` (rows,); of the result (bytes of all,).
+    """
+    lengths = np.concatenate([np.full(len(raw), raw.shape[1], np.int64) for raw in packed])
+    order = np.argsort(np.concatenate(keys), kind="stable")
+    starts = np.empty(len(order), np.int64)
+    starts[order] = np.cumsum(lengths[order]) - lengths[order]
+    out = np.empty(int(lengths.sum()), np.uint8)
+    first = 0
+    for raw in packed:
+        rows, length = raw.shape
+        out[starts[first : first + rows, None] + np.arange(length)] = raw
+        first += rows
+    return out
 
 
 def write_dataflash(path: str | Path, messages: Iterable[MessageTable]) -> None:
