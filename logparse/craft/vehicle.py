@@ -256,9 +256,9 @@ def four_motors(messages: Mapping[str, pd.DataFrame]) -> bool:
     outputs = messages.get("RCOU")
     if outputs is None or len(outputs) < 2:
         return False
-    outputs = outputs[np.isfinite(outputs.select_dtypes("number")).all(axis=1)]
+    whole = np.isfinite(outputs.select_dtypes("number").to_numpy(np.float64)).all(axis=1)
     numbered = {
-        int(match[1]): outputs[column].to_numpy(np.float64)
+        int(match[1]): outputs[column].to_numpy(np.float64)[whole]
         for column in outputs
         if (match := re.fullmatch(r"C(?:h|han)?(\d+)", str(column)))
     }
