@@ -240,7 +240,7 @@ def _search(
     x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
     # A millionth of the cost, or of a parameter, is far within its error: what came after took a third of the steps.
     result = scipy.optimize.least_squares(
-        remainder, x0, slopes, method="trf", max_nfev=80, x_scale="jac", ftol=1e-6, xtol=1e-6, gtol=1e-6
+        remainder, x0, slopes, method="lm", max_nfev=80, x_scale="jac", ftol=1e-6, xtol=1e-6, gtol=1e-6
     )
     values = values_of(result.x)
     worth = _worth(responses)

@@ -28,7 +28,7 @@ ROTOR_DRAG = 1
 AXIS_DRAG = 2
 
 #: Below this height the wind's profile is level, m.
-_LOWEST = 0.5
+LEVEL_BELOW = 0.5
 
 
 class MotionSignals(NamedTuple):
@@ -77,7 +77,7 @@ def _wind(theta: Floats, shapes: Floats, k: int, part: float) -> tuple[float, fl
 @inner(nogil=True, fastmath=_FAST)
 def _above(height: float) -> float:
     """Logarithm of the height over the reference's."""
-    return log(max(height, _LOWEST) / 10.0)
+    return log(max(height, LEVEL_BELOW) / 10.0)
 
 
 @inner(nogil=True, fastmath=_FAST)

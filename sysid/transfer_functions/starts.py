@@ -225,7 +225,7 @@ def srivc(problem: FitProblem, bandwidth: float, deadline: float = np.inf) -> St
         vain += 1
         if point.cost < best[0]:
             best, vain = (point.cost, theta), 0
-        if change < NEAR or vain == 6 or time.monotonic() > deadline:
+        if change < NEAR or vain == 4 or time.monotonic() > deadline:
             return Start(best[1], best[0], iteration, change < NEAR)
         refined = refine(problem, point, noisy=iteration == 0)
         if refined is None:
