@@ -9,10 +9,14 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from logparse import FlightLog
 
 ROOT = Path(__file__).parents[1]
 SHARED = ROOT.parent / "shared"
@@ -126,6 +130,22 @@ def logs(*patterns: str) -> Iterator[tuple[Path, Path]]:
     with tempfile.TemporaryDirectory() as scratch:
         for path in sorted(path for pattern in patterns for path in LOGS.glob(pattern)):
             yield path, unpacked(path, Path(scratch))
+
+
+def readable(*patterns: str) -> "Iterator[tuple[Path, FlightLog]]":
+    """Yield the logs below ../shared/logs that are flight logs and can be read."""
+    from logparse import RotoridError, read_log
+
+    for packed, path in logs(*patterns):
+        if path.suffix not in (".tsv", ".md", ".json"):
+            with suppress(RotoridError):
+                yield packed, read_log(path)
+
+
+def rms(values: Iterable[float]) -> float:
+    """Return the root mean square of the values that are numbers; NaN where there are none."""
+    known = [value for value in values if not np.isnan(value)]
+    return float(np.sqrt(np.mean(np.square(known)))) if known else float("nan")
 
 
 def wandering_flight(name: str, minutes: float, seed: int, like: str, **changes: Any) -> Any:

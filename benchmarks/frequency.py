@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,16 @@ import pandas as pd
 from scipy.signal import csd, welch
 
 import logparse
-from benchmarks._measure import CRAFT, LOGS, SHARED, Row, row, unpacked
+from benchmarks._measure import CRAFT, LOGS, SHARED, Row, readable, rms, row, timed, unpacked
+from benchmarks.real_flights import nanodrone_table
+from core.parameter import Parameter
 from logparse import FlightLog
 from pipeline.fleet.history import history
 from pipeline.fleet.meta_analysis import ALPHA, holm
 from pipeline.results.drift import FlightPoint
-from simulation.axis_loop import AxisPlant, LoopGains, Shaking, run_axis, write_rate_log
+from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis, write_rate_log
 from sysid import Experiment, frequency
+from sysid.frequency.excitation import Within
 from sysid.frequency.structures import low_pass
 from sysid.frequency.survey import survey
 
@@ -62,41 +65,59 @@ def _truth(name: str, axis: str, frf: frequency.FrequencyResponse, climb: float)
     return gain / (s + damping) * low_pass(frf.hz, frf.gyro_filter_hz) * np.exp(-0.00125 * s), gain
 
 
+class Compared:
+    """Responses of known truth, and their fits: errors at the usable frequencies from 0.5 to 15 Hz."""
+
+    def __init__(self) -> None:
+        self.decibels: list[np.ndarray] = []
+        self.degrees: list[np.ndarray] = []
+        self.coherent: list[float] = []
+        self.scores: list[float] = []
+        self.costs: list[float] = []
+
+    def add(self, frf: frequency.FrequencyResponse, truth: np.ndarray) -> frequency.FrequencyFit:
+        """Compare a response with its truth, and return its fit."""
+        band = (frf.hz >= 0.5) & (frf.hz <= 15.0)
+        error = np.log(frf.response / truth)[band & frf.usable]
+        self.decibels.append(8.686 * np.abs(error.real))
+        self.degrees.append(np.degrees(np.abs(error.imag)))
+        self.coherent.append(float(np.mean(frf.usable[band])))
+        fit = frequency.fit(frf)
+        self.costs.append(fit.cost)
+        return fit
+
+    def rows(self, kind: str, stated: str) -> Iterator[Row]:
+        """Yield what frequencies are near the truth, what is `stated` within twice its sigma, and the fits' costs."""
+        near = (np.concatenate(self.decibels) < 1.0) & (np.concatenate(self.degrees) < 5.0)
+        share = 100.0 * float(np.mean(np.abs(self.scores) < 2.0))
+        yield row(f"{kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(np.mean(near)), goal="100")
+        yield row(f"{kind}: {stated} (%)", share, goal="90-98")
+        yield row(f"{kind}: J median, largest", f"{np.median(self.costs):.1f}, {max(self.costs):.1f}", goal="50, 100")
+
+
 def _firmware(scratch: Path) -> Iterator[Row]:
     """Compare responses and parameters of six firmware craft with their truth."""
     for kind, target in (("id", "5 %, 5 ms"), ("g1", "5 %, 5 ms"), ("g2", "5 %, 5 ms"), ("sticks", "10 %, 10 ms")):
-        decibels, degrees, coherent, gains, delays, scores, costs = [], [], [], [], [], [], []
+        compared, gains, delays = Compared(), [], []
         for name in CRAFT:
             log = logparse.read_log(unpacked(LOGS / "pairs" / f"{name}_{kind}.BIN.xz", scratch))
             for axis in ("roll", "pitch"):
                 frf = frequency.response(log, axis)
-                fit = frequency.fit(frf)
-                costs.append(fit.cost)
-                climb = 0.0 if kind == "sticks" else _climb(log, axis)
-                truth, gain = _truth(name, axis, frf, climb)
-                band = (frf.hz >= 0.5) & (frf.hz <= 15.0)
-                error = np.log(frf.response / truth)[band & frf.usable]
-                decibels.append(8.686 * np.abs(error.real))
-                degrees.append(np.degrees(np.abs(error.imag)))
-                coherent.append(np.mean(frf.usable[band]))
-                known = fit.parameters["gain"]
+                truth, gain = _truth(name, axis, frf, 0.0 if kind == "sticks" else _climb(log, axis))
+                parameters = compared.add(frf, truth).parameters
+                known, late = parameters["gain"], parameters["effective_delay"]
                 if known.value is not None and known.sigma is not None:
                     gains.append(known.value / gain - 1.0)
-                    scores.append(gains[-1] * gain / known.sigma)
-                late = fit.parameters["effective_delay"]
+                    compared.scores.append(gains[-1] * gain / known.sigma)
                 if late.value is not None:
                     delays.append(1e3 * (late.value - 0.00125))
-        worst = f"{np.max(np.concatenate(decibels)):.2f} dB, {np.max(np.concatenate(degrees)):.1f} deg"
-        within = np.mean((np.concatenate(decibels) < 1.0) & (np.concatenate(degrees) < 5.0))
-        yield row(f"firmware, {kind}: worst error where coherent", worst, goal="1 dB, 5 deg")
-        yield row(f"firmware, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(within), goal="100")
-        yield row(
-            f"firmware, {kind}: least share of 0.5-15 Hz coherent (%)", 100.0 * float(min(coherent)), goal="90 calm"
-        )
+        worst = f"{max(map(np.max, compared.decibels)):.2f} dB, {max(map(np.max, compared.degrees)):.1f} deg"
         errors = f"{100 * np.max(np.abs(gains)):.1f} %, {np.max(np.abs(delays)):.1f} ms"
+        coherent = 100.0 * min(compared.coherent)
+        yield row(f"firmware, {kind}: worst error where coherent", worst, goal="1 dB, 5 deg")
+        yield row(f"firmware, {kind}: least share of 0.5-15 Hz coherent (%)", coherent, goal="90 calm")
         yield row(f"firmware, {kind}: largest error of gain, delay", errors, goal=target)
-        yield row(f"firmware, {kind}: gain within 2 sigma (%)", _share(scores), goal="90-98")
-        yield row(f"firmware, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", goal="50, 100")
+        yield from compared.rows(f"firmware, {kind}", "gain within 2 sigma")
 
 
 def _climb(log: FlightLog, axis: str) -> float:
@@ -140,39 +161,32 @@ def made_craft(number: int, scratch: Path, *, sticks: bool, flight: int = 0) -> 
 def _made(scratch: Path, *, sticks: bool) -> Iterator[Row]:
     """Compare parameters of simulated craft with their truth."""
     errors: dict[str, list[float]] = {}
-    scores: list[float] = []
-    costs, within = [], []
+    compared = Compared()
     for number in range(MADE):
         plant, log = made_craft(number, scratch, sticks=sticks)
         frf = frequency.response(log, "roll")
-        fit = frequency.fit(frf)
-        costs.append(fit.cost)
-        good = frf.usable & (frf.hz >= 0.5) & (frf.hz <= 15.0)
-        error = np.log(frf.response / plant.response(frf.hz))[good]
-        within.append(np.mean((8.686 * np.abs(error.real) < 1.0) & (np.degrees(np.abs(error.imag)) < 5.0)))
+        parameters = compared.add(frf, plant.response(frf.hz)).parameters
         late = "effective_delay"
         truth = {"gain": plant.gain, "damping": plant.damping, late: plant.total_delay + plant.lag}
-        if plant.lag and "lag" in fit.parameters:
+        if plant.lag and "lag" in parameters:
             truth["lag"] = plant.lag
         if plant.flex_hz:
             truth |= {"mode_frequency": 2.0 * np.pi * plant.flex_hz, "mode_damping": plant.flex_damping}
         for name, true in truth.items():
-            known = fit.parameters.get(name)
+            known = parameters.get(name)
             if known is None or known.value is None or known.sigma is None:
                 continue
             label = "delay (ms)" if name == late else f"{name} (%)"
             wrong = known.value - true
             errors.setdefault(label, []).append(1e3 * abs(wrong) if name == late else 100.0 * abs(wrong / true))
-            scores.append(wrong / known.sigma)
+            compared.scores.append(wrong / known.sigma)
     kind = "sticks at 50 Hz" if sticks else "chirps"
     targets = {"gain (%)": "10" if sticks else "5", "delay (ms)": "10" if sticks else "5"}
     targets |= {"lag (%)": "" if sticks else "3", "mode_frequency (%)": "3", "mode_damping (%)": "5"}
     for label, values in sorted(errors.items()):
         text = f"{np.median(values):.2f}, {np.percentile(values, 90):.2f}"
         yield row(f"made, {kind}: {label}, median and 90 %, n = {len(values)}", text, goal=targets.get(label, ""))
-    yield row(f"made, {kind}: frequencies within 1 dB and 5 deg (%)", 100.0 * float(np.mean(within)), goal="100")
-    yield row(f"made, {kind}: truth within 2 sigma, n = {len(scores)} (%)", _share(scores), goal="90-98")
-    yield row(f"made, {kind}: J median, largest", f"{np.median(costs):.1f}, {max(costs):.1f}", goal="50, 100")
+    yield from compared.rows(f"made, {kind}", f"truth within 2 sigma, n = {len(compared.scores)}")
 
 
 def _histories(scratch: Path) -> Iterator[Row]:
@@ -184,14 +198,10 @@ def _histories(scratch: Path) -> Iterator[Row]:
             _, log = made_craft(500 + number, scratch, sticks=True, flight=k + 1)
             with suppress(frequency.FrequencyError):
                 known = frequency.fit(frequency.response(log, "roll")).parameters
-                late = known["effective_delay"]
-                for name, estimate in (("effectiveness", known["gain"]), ("delay", late)):
+                for name, estimate in (("effectiveness", known["gain"]), ("delay", known["effective_delay"])):
                     if estimate.value is not None and estimate.sigma is not None:
-                        points[name].append(
-                            FlightPoint(
-                                flight=str(k), number=k + 1, start_utc=None, value=estimate.value, sigma=estimate.sigma
-                            )
-                        )
+                        flown = {"flight": str(k), "number": k + 1, "start_utc": None}
+                        points[name].append(FlightPoint(value=estimate.value, sigma=estimate.sigma, **flown))
         followed = [history(name, "", {"": point}) for name, point in points.items() if len(point) > 3]
         changes = [change for course in followed for change in (course.trend, course.step) if change is not None]
         alarms += any(p < ALPHA for p in holm([change.p for change in changes]))
@@ -218,103 +228,71 @@ def _speed(scratch: Path) -> Iterator[Row]:
         logs[axis] = logparse.read_log(scratch / f"{axis}.BIN")
         assert logs[axis].tables.rates is not None
     frequency.fit(frequency.response(logs["roll"], "roll"))  # what is compiled and imported once
-    began = time.process_time()
-    responses = {axis: frequency.response(logs[axis], axis) for axis in names}
-    spectra = time.process_time() - began
-    for frf in responses.values():
-        frequency.fit(frf)
-    ours = time.process_time() - began
-    began = time.process_time()
-    survey(list(logs.values()))
-    everything = time.process_time() - began
-    began = time.process_time()
-    errors = []
-    for axis, run in runs.items():
-        hz, cross = csd(run.output, run.measured, 400.0, nperseg=1600)
-        plain = cross / welch(run.output, 400.0, nperseg=1600)[1]
-        band = (hz >= 0.5) & (hz <= 15.0)
-        errors.append(np.abs(8.686 * np.log(np.abs(plain / plants[axis].response(np.maximum(hz, 1e-3)))))[band])
-    peer = time.process_time() - began
-    mine = [
-        np.abs(8.686 * np.log(np.abs(frf.response / plants[axis].response(frf.hz))))[(frf.hz >= 0.5) & (frf.hz <= 15.0)]
-        for axis, frf in responses.items()
-    ]
-    yield "70 s at 400 Hz, four axes: responses and fits, CPU (s); scipy.signal.csd", ours, peer, ours / peer, "2"
+    responses, spectra = timed(lambda: {axis: frequency.response(logs[axis], axis) for axis in names})
+    _, fits = timed(lambda: [frequency.fit(frf) for frf in responses.values()])
+    _, everything = timed(lambda: survey(list(logs.values())))
+    plain, peer = timed(lambda: {axis: _by_scipy(run) for axis, run in runs.items()})
+    ours = spectra + fits
+
+    def worst(given: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> float:
+        """Return what 95 % of the errors of the gain from 0.5 to 15 Hz are below, dB."""
+        errors = []
+        for axis, (hz, estimate) in given.items():
+            band = (hz >= 0.5) & (hz <= 15.0)
+            errors.append(np.abs(8.686 * np.log(np.abs(estimate[band] / plants[axis].response(hz[band])))))
+        return float(np.percentile(np.concatenate(errors), 95))
+
+    ours_db, peer_db = worst({axis: (frf.hz, frf.response) for axis, frf in responses.items()}), worst(plain)
+    what = "all that `rotorid frequency` does with them: checks, coupling, attitude, log by log (s)"
+    yield row("70 s at 400 Hz, four axes: responses and fits, CPU (s); scipy.signal.csd", ours, peer, ours / peer, "2")
     yield row("of that the responses (s)", spectra)
-    yield row(
-        "all that `rotorid frequency` does with them: checks, coupling, attitude, log by log (s)", everything, goal="2"
-    )
-    both = (float(np.percentile(np.concatenate(parts), 95)) for parts in (mine, errors))
-    ours_db, peer_db = both
-    yield "95 % of gain errors, 0.5-15 Hz, same records (dB)", ours_db, peer_db, ours_db / peer_db, "1"
+    yield row(what, everything, goal="2")
+    yield row("95 % of gain errors, 0.5-15 Hz, same records (dB)", ours_db, peer_db, ours_db / peer_db, "1")
+
+
+def _by_scipy(run: AxisRun) -> tuple[np.ndarray, np.ndarray]:
+    """Return frequencies and response by Welch's spectra."""
+    hz, cross = csd(run.output, run.measured, 400.0, nperseg=1600)
+    return hz, cross / welch(run.output, 400.0, nperseg=1600)[1]
 
 
 def _real() -> Iterator[Row]:
     """Count real flights with a determined statement, and compare the halves of each."""
     flights = determined = 0
     scores: list[float] = []
-    for path in sorted((LOGS / "real").iterdir()):
-        if path.suffix in (".tsv", ".md") or "plane" in path.name or "rover" in path.name:
-            continue
-        try:
-            log = logparse.read_log(path)
-            flight = log.flight
-        except logparse.RotoridError:
-            continue
+    for path, log in readable("real/*"):
+        flight = log.flight
         rates = [_rate(log.tables.attitude), _rate(log.tables.rates)]
-        if flight is None or flight.duration < 20.0 or max(rates) < 9.5:
+        if "plane" in path.name or "rover" in path.name or flight is None or flight.duration < 20.0 or max(rates) < 9.5:
             continue
         flights += 1
         known = False
-        for axis in ("roll", "pitch", "yaw", "vertical"):
-            with suppress(frequency.FrequencyError):
-                known |= frequency.fit(frequency.response(log, axis)).parameters["gain"].value is not None
-            if axis != "vertical":
-                known |= _attitude(log, axis, scores)
-            _gains_of_halves(log, axis, scores)
+        halves = [*pairwise(np.linspace(flight.start, flight.stop, 3))]
+        for axis, stated in product(("roll", "pitch", "yaw", "vertical"), (_gain, _attitude)):
+            if stated(log, axis):
+                known = True
+                first, second = (stated(log, axis, within) for within in halves)
+                for one, other in zip(first, second, strict=False):
+                    scores.append((one.value - other.value) / float(np.hypot(one.sigma or 0.0, other.sigma or 0.0)))
         determined += known
     yield row(f"real logs with a determined axis, of {flights} (%)", 100.0 * determined / max(flights, 1), goal="70")
-    rms = float(np.sqrt(np.mean(np.square(scores)))) if scores else float("nan")
-    yield row(f"halves of real flights, difference over sigma, n = {len(scores)}", rms, goal="below 1.5")
+    yield row(f"halves of real flights, difference over sigma, n = {len(scores)}", rms(scores), goal="below 1.5")
 
 
-def _gains_of_halves(log: FlightLog, axis: str, scores: list[float]) -> None:
-    """Compare the gains of the two halves of a flight, where the whole has one."""
-    assert log.flight is not None
-    start, stop = log.flight.start, log.flight.stop
-    middle = 0.5 * (start + stop)
-    gains = []
+def _gain(log: FlightLog, axis: str, within: Within | None = None) -> list[Parameter]:
+    """Return the gain that a part of a flight tells, if it does."""
     with suppress(frequency.FrequencyError):
-        for within in ((start, stop), (start, middle), (middle, stop)):
-            gains.append(frequency.fit(frequency.response(log, axis, within)).parameters["gain"])
-    if len(gains) == 3 and all(gain.value is not None for gain in gains):
-        _, first, second = gains
-        assert first.value is not None and second.value is not None  # noqa: PT018
-        scores.append((first.value - second.value) / float(np.hypot(first.sigma or 0.0, second.sigma or 0.0)))
+        gain = frequency.fit(frequency.response(log, axis, within)).parameters["gain"]
+        return [] if gain.value is None else [gain]
+    return []
 
 
-def _attitude(log: FlightLog, axis: str, scores: list[float]) -> bool:
-    try:
-        whole = frequency.attitude_response(log, axis)
-    except frequency.FrequencyError:
-        return False
-    assert log.flight is not None
-    start, stop = log.flight.start, log.flight.stop
-    middle = 0.5 * (start + stop)
-    halves = []
-    for within in ((start, middle), (middle, stop)):
-        try:
-            halves.append(frequency.attitude_response(log, axis, within=within))
-        except frequency.FrequencyError:
-            return whole.determined
-    if whole.determined and all(half.determined for half in halves):
-        for first, second in (
-            (halves[0].bandwidth, halves[1].bandwidth),
-            (halves[0].phase_delay, halves[1].phase_delay),
-        ):
-            assert first.value is not None and second.value is not None  # noqa: PT018
-            scores.append((first.value - second.value) / float(np.hypot(first.sigma or 0.0, second.sigma or 0.0)))
-    return whole.determined
+def _attitude(log: FlightLog, axis: str, within: Within | None = None) -> list[Parameter]:
+    """Return bandwidth and phase delay that a part of a flight tells, if it does."""
+    with suppress(frequency.FrequencyError):
+        if axis != "vertical" and (answer := frequency.attitude_response(log, axis, within=within)).determined:
+            return [answer.bandwidth, answer.phase_delay]
+    return []
 
 
 def _rate(table: pd.DataFrame | None) -> float:
@@ -348,16 +326,11 @@ def _nanodrone() -> Iterator[Row]:
 
 
 def _nano_flight(path: Path, axis: str) -> Experiment:
-    """Read a flight without the spikes of its motor telemetry (above 300,000, or by 100,000 from row to row)."""
-    table = pd.read_parquet(path).bfill().ffill()
-    erpm = table[[f"m{k}_erpm" for k in range(1, 5)]]
-    speeds = erpm.mask((erpm > 3e5) | (erpm.diff().abs() > 1e5)).interpolate().bfill().to_numpy() * 2.0 * np.pi / 360.0
+    """Read the inputs and the rate of an axis, and the acceleration of its reference."""
+    table = nanodrone_table(path)
+    speeds = table[[f"m{k}_erpm" for k in range(1, 5)]].to_numpy() * 2.0 * np.pi / 360.0
     signs = np.array([-1.0, -1.0, 1.0, 1.0] if axis == "roll" else [-1.0, 1.0, 1.0, -1.0])
     rate, velocity = ("wx", "vy_r") if axis == "roll" else ("wy", "vx_r")
     columns = np.column_stack([speeds**2 / np.mean(speeds**2) @ signs / 4.0, np.gradient(table[velocity], 0.01)])
     names = {"input_names": [axis, "instrument"], "output_names": ["w_x" if axis == "roll" else "w_y"]}
     return Experiment.from_arrays(np.arange(len(table)) * 0.01, columns, table[rate].to_numpy(), **names)
-
-
-def _share(scores: list[float]) -> float:
-    return 100.0 * float(np.mean(np.abs(scores) < 2.0))

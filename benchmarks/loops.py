@@ -8,11 +8,12 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks._measure import CRAFT, LOGS, Row, row, timed, unpacked
+from benchmarks._measure import CRAFT, LOGS, Row, readable, rms, row, timed, unpacked
 from logparse import FlightLog, RotoridError, read_log
 from simulation.axis_loop import (
     AxisPlant,
@@ -36,7 +37,7 @@ from sysid.loops.known_margins import Margins
 from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning, tune_axis
-from tests.sysid.axis_flights import flown_loop, fly_chirp, loop_of_flight, records_of_flight
+from tests.sysid.axis_flights import flown_loop, fly_chirp, loop_of_flight, procedure_loop, records_of_flight
 
 QUANTITIES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
 HZ = np.geomspace(0.1, 120.0, 4000)
@@ -131,18 +132,14 @@ def _simulated_pairs(count: int = 40) -> list[Row]:
     """Identify, change gains at random, and fly again: the truth and the later flight's own measurement."""
     rng = np.random.default_rng(1)
     truth_errors, errors = Errors(), Errors()
-    flown = 0
-    while flown < count:
+    for seed in range(1, count + 1):
         axis, gains = random_axis(rng)
         p, i, d = (float(rng.uniform(0.6, 1.5)) for _ in range(3))
         other = replace(gains, P=p * gains.P, I=i * gains.I, D=d * gains.D, FLTD=float(rng.choice([15.0, 20.0, 30.0])))
         truth = margins_of(HZ, true_loop(axis, other, HZ)).row(0)
-        if not truth["stable"] or not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
-            continue
-        flown += 1
-        loop = flown_loop(axis, gains, flown)
+        loop = flown_loop(axis, gains, seed)
         foretold = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD).margins
-        later = flown_loop(axis, other, 1000 + flown).own_margins
+        later = flown_loop(axis, other, 1000 + seed).own_margins
         for name in QUANTITIES:
             value = getattr(foretold, name).value
             if value is not None:
@@ -152,47 +149,29 @@ def _simulated_pairs(count: int = 40) -> list[Row]:
     return [*truth_errors.rows("simulator, before -> truth"), *errors.rows("simulator, before -> after")]
 
 
-#: The published procedure's chirp, and its magnitude for craft that answer less than this [rad/s^2], and for others.
-PROCEDURE = {"band": (0.1, 10.0), "seconds": 121.0, "fades": (5.0, 5.0)}
-
-
 def _random_craft(what: str, count: int, goal: str, *, procedure: bool = False) -> list[Row]:
     """Tune random craft and look at the truth of what was proposed."""
     rng = np.random.default_rng(2)
     truths = Truths()
-    tried = 0
-    while tried < count:
+    for seed in range(1, count + 1):
         axis, gains = random_axis(rng)
-        before = margins_of(HZ, true_loop(axis, gains, HZ)).row(0)
-        if not before["stable"]:
-            continue
-        tried += 1
-        if procedure:
-            magnitude = 0.1 if axis.gain < 300.0 else 0.05
-            loop = flown_loop(axis, replace(gains, I=0.0), tried, magnitude=magnitude, **PROCEDURE)
-        else:
-            loop = flown_loop(axis, gains, tried)
+        loop = (procedure_loop if procedure else flown_loop)(axis, gains, seed)
         if not unsupported(loop):
-            truths.add(axis, before, tune_axis(loop, Aim()))
-    return truths.rows(what, tried, goal)
+            truths.add(axis, gains, tune_axis(loop, Aim()))
+    return truths.rows(what, count, goal)
 
 
 def _sticks(path: Path, count: int = 40) -> list[Row]:
     """Tune random craft from 90 s of sticks, RATE at 50 Hz."""
     rng = np.random.default_rng(7)
     truths = Truths()
-    tried = 0
-    while tried < count:
+    for seed in range(1, count + 1):
         axis, gains = random_axis(rng)
-        before = margins_of(HZ, true_loop(axis, gains, HZ)).row(0)
-        if not before["stable"]:
-            continue
-        tried += 1
-        run = run_axis(axis, gains, Shaking(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015), tried)
+        run = run_axis(axis, gains, Shaking(duration=90.0, stick=0.15, gust=0.2, gyro_noise=0.015), seed)
         write_rate_log(path, {"roll": run}, rate=50.0, filter_hz=axis.filter_hz, gains={"roll": gains})
         for item in tune(read_log(path)).axes[:1]:
-            truths.add(axis, before, item)
-    return truths.rows("random craft, sticks", tried, "20 of 40")
+            truths.add(axis, gains, item)
+    return truths.rows("random craft, sticks", count, "20 of 40")
 
 
 class Truths:
@@ -201,9 +180,10 @@ class Truths:
     def __init__(self) -> None:
         self.accepted = self.unsafe = self.better = self.broken = 0
 
-    def add(self, craft: AxisPlant, before: dict[str, float], tuning: AxisTuning) -> None:
+    def add(self, craft: AxisPlant, gains: LoopGains, tuning: AxisTuning) -> None:
         if tuning.tuned is None:
             return
+        before = margins_of(HZ, true_loop(craft, gains, HZ)).row(0)
         after = margins_of(HZ, true_loop(craft, gains_of(tuning.tuned.settings), HZ)).row(0)
         worst = tuning.worst
         self.accepted += 1
@@ -256,69 +236,45 @@ def _designs(count: int = 50, flights: int = 2) -> list[Row]:
     limits = Limits()
     bounds = np.array([limits.lean_deg, limits.rate_deg, limits.mixer])
     scatter: dict[str, list[float]] = defaultdict(list)
-    beyond = ended = undetermined = tried = 0
-    while tried < count:
+    beyond = ended = undetermined = 0
+    for number in range(1, count + 1):
         axis, gains = random_axis(rng)
-        air = {"gust": float(rng.uniform(0.1, 0.6)), "noise": float(rng.uniform(0.005, 0.05))}
-        if not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
-            continue
-        tried += 1
+        gust, noise = float(rng.uniform(0.1, 0.6)), float(rng.uniform(0.005, 0.05))
         first = first_chirp(settings_of(axis, gains), limits)
-        air["seconds"] = first.seconds
-        band = (first.low, first.high)
-        faded = {"fades": (first.fade_in, FADE_OUT)}
-        flight = fly_chirp(axis, gains, seed=100 * tried, magnitude=first.magnitude, band=band, **faded, **air)
-        moved = [_motion(flight)]
-        chirp = design_chirp(loop_of_flight(flight, axis, gains), limits)
-        known, default, leaned = [], [], []
-        faded = {"fades": (chirp.fade_in, FADE_OUT)}
-        plain = {"band": DEFAULT_BAND, "fades": tuple(first.seconds * part for part in DEFAULT_FADES)}
-        for seed in range(100 * tried + 1, 100 * tried + 1 + flights):
-            band = (chirp.low, chirp.high)
-            flight = fly_chirp(axis, gains, seed=seed, magnitude=chirp.magnitude, band=band, **faded, **air)
-            moved.append(_motion(flight))
-            known.append(_gain_and_delay(flight, axis))
-            flight = fly_chirp(axis, gains, seed=seed + 50, magnitude=DEFAULT_MAGNITUDE, **plain, **air)
-            leaned.append(_motion(flight))
-            default.append(_gain_and_delay(flight, axis))
-        beyond += bool((np.max(moved, axis=0) > bounds).any())
-        ended += bool(np.max(leaned, axis=0)[0] > 30.0)
-        truth = np.array([axis.gain, axis.lag + axis.total_delay])
-        size = np.array([axis.gain, 1.0])
-        within = max(1.0, float(np.max(np.max(leaned, axis=0) / bounds)))
-        late = chirp.error_of("effective_delay")
+        fly = partial(fly_chirp, axis, gains, gust=gust, noise=noise, seconds=first.seconds)
+        own = {"magnitude": first.magnitude, "band": (first.low, first.high), "fades": (first.fade_in, FADE_OUT)}
+        before = fly(seed=100 * number, **own)
+        chirp = design_chirp(loop_of_flight(before, axis, gains), limits)
+        own = {"magnitude": chirp.magnitude, "band": (chirp.low, chirp.high), "fades": (chirp.fade_in, FADE_OUT)}
+        fades = tuple(first.seconds * part for part in DEFAULT_FADES)
+        seeds = range(100 * number + 1, 100 * number + 1 + flights)
+        designed = [fly(seed=seed, **own) for seed in seeds]
+        plain = [fly(seed=seed + 50, magnitude=DEFAULT_MAGNITUDE, band=DEFAULT_BAND, fades=fades) for seed in seeds]
+        leaned = np.max([_motion(flight) for flight in plain], axis=0)
+        beyond += bool((np.max([_motion(flight) for flight in (before, *designed)], axis=0) > bounds).any())
+        ended += bool(leaned[0] > 30.0)
+        within = max(1.0, float(np.max(leaned / bounds)))
+        known, default = (np.array([_gain_and_delay(flight, axis) for flight in group]) for group in (designed, plain))
         undetermined += int(np.isnan(known).any(axis=1).sum())
-        for k, error in enumerate((chirp.error_of("gain"), late)):
+        truth, size = (axis.gain, axis.lag + axis.total_delay), (axis.gain, 1.0)
+        for k, (name, parameter) in enumerate((("gain", "gain"), ("delay", "effective_delay"))):
+            error = chirp.error_of(parameter)
             assert error is not None
-            name = ("gain", "delay")[k]
-            own, other = (float(np.std(np.array(estimates)[:, k], ddof=1) / size[k]) for estimates in (known, default))
-            scatter[f"{name} random"].append(own / error.random)
-            scatter[f"{name} total"] += ((np.array(known)[:, k] - truth[k]) / size[k] / error.sigma).tolist()
+            spread, other = (float(np.std(estimates[:, k], ddof=1) / size[k]) for estimates in (known, default))
+            scatter[f"{name} random"].append(spread / error.random)
+            scatter[f"{name} total"] += ((known[:, k] - truth[k]) / size[k] / error.sigma).tolist()
             scatter[f"{name} default"].append(within * other / error.random)
-            scatter[f"{name} plain"].append(np.inf if np.max(leaned, axis=0)[0] > 30.0 else other / error.random)
-
-    def rms(values: list[float]) -> float:
-        return float(np.sqrt(np.nanmean(np.square(values))))
-
+            scatter[f"{name} plain"].append(np.inf if leaned[0] > 30.0 else other / error.random)
     rows: list[Row] = []
     for name in ("gain", "delay"):
-        own = rms(scatter[f"{name} random"])
+        random, total, default = (rms(scatter[f"{name} {kind}"]) for kind in ("random", "total", "default"))
+        unlike = np.median(scatter[f"{name} plain"]) / np.nanmedian(scatter[f"{name} random"])
+        limited = f"designs: {name}, scatter of the default chirp within the same limits over the design's"
         rows += [
-            row(f"designs, {count} craft: {name}, scatter over predicted", f"{own:.2f}", goal="0.75-1.33"),
-            row(
-                f"designs: {name}, error over predicted total",
-                f"{rms(scatter[f'{name} total']):.2f}",
-                goal="below 1.33",
-            ),
-            row(
-                f"designs: {name}, scatter of the default chirp within the same limits over the design's",
-                f"{rms(scatter[f'{name} default']) / own:.1f}",
-                goal="2",
-            ),
-            row(
-                f"designs: {name}, the same at 0.05 of the mixer whatever its limits, medians",
-                f"{np.median(scatter[f'{name} plain']) / np.nanmedian(scatter[f'{name} random']):.1f}",
-            ),
+            row(f"designs, {count} craft: {name}, scatter over predicted", f"{random:.2f}", goal="0.75-1.33"),
+            row(f"designs: {name}, error over predicted total", f"{total:.2f}", goal="below 1.33"),
+            row(limited, f"{default / random:.1f}", goal="2"),
+            row(f"designs: {name}, the same at 0.05 of the mixer whatever its limits, medians", f"{unlike:.1f}"),
         ]
     return [
         *rows,
@@ -343,15 +299,8 @@ def _gain_and_delay(flight: AxisRun, plant: AxisPlant) -> tuple[float, float]:
 
 
 def _real_logs() -> list[Row]:
-    refused = proposed = 0
-    for path in sorted((LOGS / "real").iterdir()):
-        if path.suffix in (".tsv", ".md"):
-            continue
-        try:
-            log = read_log(path)
-        except RotoridError:
-            continue
-        result = tune(log)
-        refused += result.refused is not None
-        proposed += result.refused is None
-    return [row("tune on real logs", f"{refused} refused with a sentence, {proposed} proposals", goal="no traceback")]
+    refused = [tune(log).refused is not None for _, log in readable("real/*")]
+    proposed = len(refused) - sum(refused)
+    return [
+        row("tune on real logs", f"{sum(refused)} refused with a sentence, {proposed} proposals", goal="no traceback")
+    ]

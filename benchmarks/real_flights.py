@@ -74,21 +74,20 @@ def low_pass(values: np.ndarray, cut: float, rate: float = 100.0) -> np.ndarray:
     return sosfiltfilt(butter(4, cut / (rate / 2.0), output="sos"), values, axis=0)
 
 
+def nanodrone_table(path: Path) -> pd.DataFrame:
+    """Read a flight without gaps, and without the spikes of its motor telemetry (above 300,000 or by 100,000)."""
+    table = pd.read_parquet(path).bfill().ffill()
+    speeds = table[NANODRONE["motors"]["columns"]]
+    return table.assign(**speeds.mask((speeds > 3e5) | (speeds.diff().abs() > 1e5)).interpolate().bfill())
+
+
 def nanodrone_record(path: Path) -> Experiment:
     """One flight as the published protocol prepares it."""
-    frame = pd.read_parquet(path)
-    motors = NANODRONE["motors"]["columns"]
-    frame = (
-        frame[["t", "x", "y", "z", "vx", "vy", "vz", "qx", "qy", "qz", "qw", "wx", "wy", "wz", *motors]].bfill().ffill()
-    )
-    for name in motors:
-        values = frame[name].to_numpy(np.float64).copy()
-        bad = (values > 3e5) | (np.abs(np.diff(values, prepend=values[0])) > 1e5)
-        at = np.arange(len(values))
-        frame[name] = np.interp(at, at[~bad], values[~bad])
-    for names, cut in ((("x", "y", "z"), 10.0), (("vx", "vy", "vz"), 18.0), (("wx", "wy", "wz"), 18.0), (motors, 20.0)):
-        frame[list(names)] = low_pass(frame[list(names)].to_numpy(np.float64), cut)
-    return Experiment.from_table(frame, NANODRONE, name=path.stem)
+    table = nanodrone_table(path)
+    place, velocity, rates = NANODRONE["position"], NANODRONE["velocity"], NANODRONE["rates"]
+    for names, cut in ((place, 10.0), (velocity, 18.0), (rates, 18.0), (NANODRONE["motors"]["columns"], 20.0)):
+        table[names] = low_pass(table[names].to_numpy(np.float64), cut)
+    return Experiment.from_table(table, NANODRONE, name=path.stem)
 
 
 Predictor = Callable[[BodyRecord, np.ndarray, np.ndarray], np.ndarray]

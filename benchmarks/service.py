@@ -5,20 +5,18 @@ Everything goes over loopback against `rotorid serve` in a process of its own.
 
 import hashlib
 import os
-import socket
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing
 from pathlib import Path
 
 import httpx
 
-from benchmarks._measure import ROOT, SAMPLES, Row, forget_peak, memory, row
+from benchmarks._measure import SAMPLES, Row, forget_peak, memory, row
+from tests.api.programs import SERVE, Service
 
 MB = 1_000_000
 
@@ -27,7 +25,8 @@ _BLOCK = (SAMPLES / "octa01_zurich_calm.bin").read_bytes()[:30_000] + os.urandom
 
 
 def run() -> list[Row]:
-    with tempfile.TemporaryDirectory() as folder, _service(Path(folder)) as (address, pid):
+    with tempfile.TemporaryDirectory() as folder, closing(Service(Path(folder), SERVE, **SETTINGS)) as service:
+        address, pid = f"http://127.0.0.1:{service.port}", service.process.pid
         started = time.perf_counter()
         lost = upload_many(address, clients=50, size=10 * MB)
         took = time.perf_counter() - started
@@ -91,6 +90,7 @@ def status_reads(address: str) -> tuple[float, float, list[str]]:
     return idle, statistics.median(busy), states
 
 
+SETTINGS = {"ROTORID_UPLOAD_LIMIT": "2GB", "ROTORID_UPLOAD_RATE": ""}
 _FORM = {"Content-Type": "multipart/form-data; boundary=b"}
 
 
@@ -111,29 +111,3 @@ def _time(client: httpx.Client, address: str) -> tuple[float, str]:
     start = time.perf_counter()
     answer = client.get(address)
     return 1e3 * (time.perf_counter() - start), answer.json().get("state", "")
-
-
-@contextmanager
-def _service(data: Path) -> Iterator[tuple[str, int]]:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    address = f"http://127.0.0.1:{port}"
-    settings = {"ROTORID_DATA": str(data), "ROTORID_UPLOAD_LIMIT": "2GB", "ROTORID_UPLOAD_RATE": ""}
-    program = subprocess.Popen(
-        [sys.executable, "-c", "from rotorid.cli.main import main; main()", "serve", "--port", str(port)],
-        env=os.environ | settings,
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        for _ in range(600):
-            try:
-                httpx.get(f"{address}/healthz")
-                break
-            except httpx.TransportError:
-                time.sleep(0.1)
-        yield address, program.pid
-    finally:
-        program.terminate()
-        program.wait()

@@ -34,11 +34,16 @@ def free_port() -> int:
 _given: set[int] = set()
 
 
+#: Words after `python`, to be followed by a port: the service with analyses of milliseconds, and as users have it.
+STAND_IN = ("-m", "tests.api.serving")
+SERVE = ("-c", "from rotorid.cli.main import main; main()", "serve", "--port")
+
+
 class Service:
     """A service in a process of its own."""
 
-    def __init__(self, data: Path, **settings: str) -> None:
-        self.data = data
+    def __init__(self, data: Path, program: tuple[str, ...] = STAND_IN, **settings: str) -> None:
+        self.data, self._program = data, program
         self.port = free_port()
         self._settings = {"ROTORID_DATA": str(data), "ROTORID_WORKERS": "2", "ROTORID_LEASE": "3", **settings}
         self.client = httpx.Client(base_url=f"http://127.0.0.1:{self.port}", timeout=PATIENCE)
@@ -46,9 +51,8 @@ class Service:
 
     def start(self) -> None:
         """Start it and wait until it answers."""
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "tests.api.serving", str(self.port)], cwd=ROOT, env=os.environ | self._settings
-        )
+        command = [sys.executable, *self._program, str(self.port)]
+        self.process = subprocess.Popen(command, cwd=ROOT, env=os.environ | self._settings)
         wait_until(self.answers)
 
     def answers(self) -> bool:

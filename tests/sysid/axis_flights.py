@@ -3,6 +3,7 @@
 `flown` and `logged` give logs, `recorded` rows of a run, `flown_loop` and `loop_of_flight` the loop that a chirp tells.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 GAINS = LoopGains.crossing_at(PLANT, 3.0)
 CHIRP = Shaking(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
 STICKS = Shaking(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
+#: The published procedure's chirp.
+PROCEDURE = {"band": (0.1, 10.0), "seconds": 121.0, "fades": (5.0, 5.0)}
 
 
 def bending(gain: float, *, mode: tuple[float, float, float], **plant: float) -> AxisPlant:
@@ -96,6 +99,12 @@ def records_of_flight(run: AxisRun, name: str = "simulated") -> tuple[LoopRecord
 def loop_of_flight(run: AxisRun, plant: AxisPlant, gains: LoopGains, name: str = "simulated") -> RateLoop:
     """Identify the loop from a flight's chirp."""
     return loop_of_records(name, records_of_flight(run, name), settings_of(plant, gains))
+
+
+def procedure_loop(plant: AxisPlant, gains: LoopGains, seed: int) -> RateLoop:
+    """Fly the published procedure with I at 0: a larger chirp for craft that answer less than 300 rad/s^2."""
+    magnitude = 0.1 if plant.gain < 300.0 else 0.05
+    return flown_loop(plant, replace(gains, I=0.0), seed, magnitude=magnitude, **PROCEDURE)
 
 
 def flown_loop(plant: AxisPlant, gains: LoopGains, seed: int, name: str = "simulated", **shaken: Any) -> RateLoop:

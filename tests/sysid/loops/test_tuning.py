@@ -40,8 +40,6 @@ def test_proposed_gains_keep_in_truth_what_was_promised():
     accepted = 0
     for seed in range(12):
         axis, gains = random_axis(rng)
-        if not margins_of(HZ, true_loop(axis, gains, HZ)).stable[0]:
-            continue
         loop = flown_loop(axis, gains, seed)
         if unsupported(loop):
             continue
