@@ -40,8 +40,9 @@ from pipeline.results.span import Span
 from pipeline.storage.sources import digest
 from sysid.autopilot.gathering import batch_values, body_values, feed_forward, gain_values
 from sysid.autopilot.values import AutopilotValue
+from sysid.loops.loop import KnownLoops
 from sysid.loops.settings import firmware_version
-from sysid.loops.tuning import tune
+from sysid.loops.tuning import tune_known
 from sysid.rotors.motor_faults.outputs import check_outputs
 from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
 from sysid.rotors.steady_trims import SteadyTrims
@@ -224,7 +225,10 @@ def _analyze(
         coverage=coverage,
         trims=trims,
         rotation=done.rotation,
-        autopilot=present(stages.run("advice", lambda _: _autopilot(log, fitted, done.rotation, config))) or (),
+        autopilot=(
+            *(present(stages.run("advice", lambda _: _autopilot(log, fitted, done.rotation, config))) or ()),
+            *done.gains,
+        ),
         findings=(
             *log.findings,
             *checked,
@@ -247,6 +251,7 @@ class _WithoutTrajectory:
     """What a flight tells without its trajectory."""
 
     rotation: RotationResult | Failure
+    gains: tuple[AutopilotValue, ...]  #: That are proposed to the autopilot.
     motors: _Motors | Failure
     stages: Stages
 
@@ -267,11 +272,24 @@ def _without_trajectory(
 ) -> _WithoutTrajectory:
     """Look at what needs no trajectory: how the craft turns, and its motors."""
     if isinstance(sound, Failure):
-        return _WithoutTrajectory(sound, sound, stages)
-    rotation = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
+        return _WithoutTrajectory(sound, (), sound, stages)
+    found = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
+    rotation, gains = (found, ()) if isinstance(found, Failure) else (found[0], _gains(log, *found, stages))
+    del found
     motors = stages.run("account", lambda _: _motors(log, log.tables, sound))
     # What was unforeseen is among the findings; errors may not pass to another process.
-    return _WithoutTrajectory(rotation, motors, replace(stages, progress=silent, unforeseen={}))
+    return _WithoutTrajectory(rotation, gains, motors, replace(stages, progress=silent, unforeseen={}))
+
+
+def _gains(log: FlightLog, rotation: RotationResult, known: KnownLoops, stages: Stages) -> tuple[AutopilotValue, ...]:
+    """Return the gains that chirps propose to the autopilot, from the loops whose margins the rotation has.
+
+    Of ordinary flights `rotorid tune` tells them: without chirps most are refused.
+    """
+    if not any(axis.loop is not None and not axis.loop.ordinary for axis in rotation.axes):
+        return ()
+    proposed = stages.run("advice", lambda _: tuple(gain_values(tune_known(log, known), log.parameters_flown)))
+    return present(proposed) or ()
 
 
 def _in_a_copy(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
@@ -395,9 +413,6 @@ def _autopilot(
         values += batch_values([log], [], flown)
         if isinstance(rotation, RotationResult) and log.tables.has("rates"):
             values += feed_forward({axis.axis: axis.gain for axis in rotation.axes}, flown)
-            # Of ordinary flights `rotorid tune` tells them: without chirps most are refused.
-            if any(axis.loop is not None and not axis.loop.ordinary for axis in rotation.axes):
-                values += gain_values(tune(log), flown)
     return tuple(values)
 
 

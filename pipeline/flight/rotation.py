@@ -41,23 +41,29 @@ from sysid.loops.evidence import (
     unfit_log,
     weak_band,
 )
-from sysid.loops.loop import ordinary_loop, rate_loop
+from sysid.loops.loop import KnownLoops, RateLoop, ordinary_loop, rate_loop
 from sysid.loops.settings import check_firmware, read_settings
 
 #: The axes about which a craft turns.
 AXES = ("roll", "pitch", "yaw")
 
 
-def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
-    """Estimate what a flight tells of each axis; whatever cannot be had is a reason there, not an error."""
+def find_rotation(log: FlightLog, sound: Span) -> tuple[RotationResult, KnownLoops]:
+    """Estimate what a flight tells of each axis, and the loops that its chirps show.
+
+    Whatever cannot be had is a reason in the result, not an error.
+    """
     within = (sound.start, sound.stop)
     unfit = _unfit(log)
     contradicted = {} if unfit else {axis: reason for axis in AXES if (reason := _contradiction(log, axis))}
     surveyed = survey(log, (*AXES, "vertical"), within)
     *turning, vertical = surveyed.axes
-    axes = tuple(_axis(log, axis, within, unfit or contradicted.get(axis.axis, "")) for axis in turning)
+    chirped = {chirp.axis for chirp in find_chirps(log, within) if chirp.at_mixer}
+    loops = {} if unfit else {axis: _chirped_loop(log, axis, within) for axis in AXES if axis in chirped}
+    axes = tuple(_axis(log, axis, loops.get(axis.axis), unfit or contradicted.get(axis.axis, "")) for axis in turning)
     limits = [finding for axis in turning if axis.response is not None for finding in axis.response.findings]
-    return RotationResult(
+    known = {axis: loop for axis, loop in loops.items() if isinstance(loop, RateLoop)}
+    rotation = RotationResult(
         axes=axes,
         vertical=turning_of(vertical),
         couplings=tuple(map(coupling_of, surveyed.couplings)),
@@ -67,6 +73,15 @@ def find_rotation(log: FlightLog, sound: Span) -> RotationResult:
             *_findings(axes),
         ),
     )
+    return rotation, KnownLoops(known, next((contradicted[axis] for axis in known if axis in contradicted), None))
+
+
+def _chirped_loop(log: FlightLog, axis: str, within: tuple[float, float]) -> RateLoop | str:
+    """Identify a loop from the chirps on its axis; or why it cannot be."""
+    try:
+        return rate_loop(log, axis, within)
+    except RotoridError as error:
+        return str(error)
 
 
 def _unfit(log: FlightLog) -> str:
@@ -97,12 +112,12 @@ def _not_flown(axis: str, reason: str) -> Finding:
     )
 
 
-def _axis(log: FlightLog, axis_survey: AxisSurvey, within: tuple[float, float], unfit: str) -> AxisRotation:
+def _axis(log: FlightLog, axis_survey: AxisSurvey, chirped: RateLoop | str | None, unfit: str) -> AxisRotation:
     turning = turning_of(axis_survey)
     if unfit:
         return replace(turning, loop_reason=unfit)
     try:
-        return replace(turning, loop=_loop(log, axis_survey, within))
+        return replace(turning, loop=_loop(log, axis_survey, chirped))
     except RotoridError as error:
         return replace(turning, loop_reason=str(error))
 
@@ -215,8 +230,10 @@ def _check(verification: Verification) -> Check:
     )
 
 
-def _loop(log: FlightLog, axis_survey: AxisSurvey, within: tuple[float, float]) -> AxisMargins:
-    """Compute the margins of a loop: from chirps, in two ways where the log allows it, else from the craft's model.
+def _loop(log: FlightLog, axis_survey: AxisSurvey, loop: RateLoop | str | None) -> AxisMargins:
+    """Compute the margins of a loop: of one that chirps showed in two ways where the log allows it.
+
+    Without chirps they are those of the craft's model.
 
     RotoridError where the loop cannot be had, or what the log shows of it does not carry margins.
     """
@@ -224,9 +241,10 @@ def _loop(log: FlightLog, axis_survey: AxisSurvey, within: tuple[float, float]) 
     oscillating = oscillation(log, axis)
     if oscillating:
         raise LoopError(oscillating)
-    if not any(chirp.at_mixer and chirp.axis == axis for chirp in find_chirps(log, within)):
+    if loop is None:
         return _ordinary(log, axis_survey)
-    loop = rate_loop(log, axis, within)
+    if isinstance(loop, str):
+        raise LoopError(loop)
     # Without PID messages neither limits nor the second way are seen; the margins stand, with that said.
     logged = f"PID{axis_of(axis).letter}" in log.messages
     doubts = (saturation(log, axis) if logged else None, weak_band(loop))

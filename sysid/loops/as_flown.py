@@ -11,16 +11,18 @@ the noise are.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import pandas as pd
 import scipy
 
 from logparse import FlightLog
-from sysid.frequency.axes import axis_of
+from sysid.frequency.axes import FrequencyError, axis_of
 from sysid.frequency.excitation import FEWEST_ROWS, Chirp, mixer_chirps
-from sysid.frequency.rate_signals import rate_signals
+from sysid.frequency.rate_signals import RateSignals, rate_signals
 from sysid.frequency.records import on_uniform_clock
 from sysid.loops.controller import AXES, LoopSettings
 from sysid.loops.evidence import limited_chirp
@@ -132,8 +134,8 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
 
 def gyro_seen(log: FlightLog, axis: str) -> bool:
     """Return whether a log bears the gyro's filters out on an axis: SIDD has the rates before them, and they agree."""
-    settings = read_settings(log, axis)
-    seen = [block for chirp in mixer_chirps(log, axis) for block in _gyro_block(log, chirp, settings)]
+    settings, rates = read_settings(log, axis), _rates(log)
+    seen = [block for chirp in mixer_chirps(log, axis) for block in _gyro_block(rates, chirp, settings)]
     return bool(seen) and all(block.apart <= block.tolerated for block in seen)
 
 
@@ -142,10 +144,22 @@ def _blocks(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
     chirps = mixer_chirps(log, settings.axis)
     if not chirps:
         yield from _proportional(log, settings)
+        return
+    rates = _rates(log)
     for chirp in chirps:
-        yield from _gyro_block(log, chirp, settings)
-        if limited_chirp(log, settings.axis) is None:  # at a limit the controller is another, which says so itself
-            yield from _controller_blocks(log, chirp, settings)
+        yield from _gyro_block(rates, chirp, settings)
+    terms = pid_rows(log, settings.axis, ("Tar", "Act", "P", "I", "D"))
+    # At a limit the controller is another, which says so itself.
+    if terms is not None and limited_chirp(log, settings.axis) is None:
+        for chirp in chirps:
+            yield from _controller_blocks(terms, rates, chirp, settings)
+
+
+def _rates(log: FlightLog) -> RateSignals | None:
+    """Return the signals of the rate controllers; None of a log without them."""
+    with suppress(FrequencyError):
+        return rate_signals(log)
+    return None
 
 
 def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
@@ -161,8 +175,10 @@ def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
         yield _Block(abs(gain - 1.0), _SCALED, _told("P", "P", settings.axis, np.log(np.complex128(gain or 1e-12))))
 
 
-def _controller_blocks(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
-    signals = _pid_signals(log, chirp, settings.axis)
+def _controller_blocks(
+    terms: pd.DataFrame, rates: RateSignals | None, chirp: Chirp, settings: LoopSettings
+) -> Iterator[_Block]:
+    signals = _pid_signals(terms, rates, chirp, settings.axis)
     if signals is None:
         return
     controller, columns, axis = settings.controller, signals.columns, settings.axis
@@ -196,8 +212,8 @@ def _controller_blocks(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> 
         yield from min(ways, key=lambda blocks: blocks[0].apart if blocks else np.inf)
 
 
-def _gyro_block(log: FlightLog, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
-    signals = _gyro_signals(log, chirp, settings.axis)
+def _gyro_block(rates: RateSignals | None, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
+    signals = _gyro_signals(rates, chirp, settings.axis)
     if signals is None:
         return
     hz = _frequencies(chirp, signals.step, _OF_RATE_GYRO)
@@ -259,19 +275,16 @@ def _frequencies(chirp: Chirp, step: float, of_rate: float) -> Floats:
     return np.geomspace(low, max(high, 1.01 * low), _POINTS)
 
 
-def _pid_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
-    """Return target, error and terms within a chirp; None where PID messages do not show them."""
-    frame = pid_rows(log, axis, ("Tar", "Act", "P", "I", "D"))
-    if frame is None:
-        return None
-    shown = chirp.below_folding(frame.index.to_numpy(np.float64))
-    frame = frame.loc[shown.start : shown.stop]
+def _pid_signals(terms: pd.DataFrame, rates: RateSignals | None, chirp: Chirp, axis: str) -> _Signals | None:
+    """Return target, error and terms within a chirp, of PID messages; None where too few rows show them."""
+    shown = chirp.below_folding(terms.index.to_numpy(np.float64))
+    frame = terms.loc[shown.start : shown.stop]
     t = frame.index.to_numpy(np.float64)
     names = [name for name in ("Tar", "Act", "Err", "P", "I", "D", "FF") if name in frame]
     columns = {name: frame[name].to_numpy(np.float64) for name in names}
-    rates, reference = rate_signals(log), axis_of(axis).reference
-    if reference in rates.columns and "RATE" in log.messages and rates.step <= 1.5 * float(np.median(np.diff(t))):
-        columns["wanted"] = np.interp(t, rates.t, rates.columns[reference])
+    wanted = None if rates is None or not rates.with_chirp else rates.columns.get(axis_of(axis).reference)
+    if rates is not None and wanted is not None and rates.step <= 1.5 * float(np.median(np.diff(t))):
+        columns["wanted"] = np.interp(t, rates.t, wanted)
     signals = _aligned(chirp, t, columns)
     if signals is not None:
         limited = frame["Flags"].to_numpy(np.int64) & 1 if "Flags" in frame else np.zeros(1)
@@ -280,12 +293,12 @@ def _pid_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
     return signals
 
 
-def _gyro_signals(log: FlightLog, chirp: Chirp, axis: str) -> _Signals | None:
-    """Return the rate before and behind the gyro's filters within a chirp; None where SIDD does not have it."""
+def _gyro_signals(rates: RateSignals | None, chirp: Chirp, axis: str) -> _Signals | None:
+    """Return the rate before and behind the gyro's filters within a chirp; None where RATE or SIDD do not have it."""
     output = axis_of(axis).output
-    if "RATE" not in log.messages or output not in chirp.rows:
+    if rates is None or not rates.with_chirp or output not in chirp.rows:
         return None
-    rates, before = rate_signals(log), chirp.spline(output)
+    before = chirp.spline(output)
     if before is None or not chirp.rows[output].any() or output not in rates.columns:
         return None
     shown = chirp.below_folding(rates.t)

@@ -35,7 +35,7 @@ from sysid.loops.evidence import (
     unsupported,
     weak_band,
 )
-from sysid.loops.loop import RateLoop, loop_of_flights, rate_loop
+from sysid.loops.loop import KnownLoops, RateLoop, loop_of_flights, rate_loop
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.plant import FIRST_MODES
@@ -158,7 +158,14 @@ def tune(
     return result.in_names_of(flights[0].vehicle.firmware) if flights else result
 
 
-def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: float | None) -> Tuning:
+def tune_known(log: FlightLog, known: KnownLoops) -> Tuning:
+    """Propose gains for the axes of one flight whose loops are known already, as `tune` does by default."""
+    return _tuned([log], AIMS["rejection"], None, None, known).in_names_of(log.vehicle.firmware)
+
+
+def _tuned(
+    flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: float | None, known: KnownLoops | None = None
+) -> Tuning:
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
 
@@ -170,7 +177,7 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
     for log in flights:
         try:
             read_settings(log, "roll")
-            reason = _unfit(log)
+            reason = _unfit(log, known)
         except RotoridError as error:
             reason = str(error)
         reason = reason or other_craft(flights[0], log) or other_load(flights[0], log)
@@ -179,7 +186,7 @@ def _tuned(flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: f
     reason = other_settings(flights)
     if reason is not None:
         return refuse(reason)
-    tunings = [_examined(flights, axis) for axis in AXES]
+    tunings = [_examined(flights, axis, known) for axis in AXES]
     loops = {item.axis: item.loop for item in tunings if item.loop is not None and item.refused is None}
     if not loops:
         return refuse(_reasons(tunings), tuple(tunings))
@@ -289,7 +296,7 @@ def _reasons(axes: Sequence[AxisTuning]) -> str:
     return "; ".join(_said_once((item.axis, item.reason) for item in axes))
 
 
-def _unfit(log: FlightLog) -> str | None:
+def _unfit(log: FlightLog, known: KnownLoops | None) -> str | None:
     """Return why nothing can be tuned from a log: no one loop per axis, an oscillation, parameters that did not fly.
 
     Without chirps at the mixer AutoTune may have run: what it did shows the craft, not the loop.
@@ -299,7 +306,8 @@ def _unfit(log: FlightLog) -> str | None:
     reason = no_one_setting(log) if alone else unfit_log(log)
     if reason is not None or (alone and autotuned(log)):
         return reason
-    return next((r for axis in AXES if (r := oscillation(log, axis))), None) or contradiction(log)
+    oscillating = next((r for axis in AXES if (r := oscillation(log, axis))), None)
+    return oscillating or (contradiction(log) if known is None else known.contradicted)
 
 
 def _with_sheets(item: AxisTuning, size: float | None) -> AxisTuning:
@@ -344,12 +352,12 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
     )
 
 
-def _examined(flights: Sequence[FlightLog], axis: str) -> AxisTuning:
+def _examined(flights: Sequence[FlightLog], axis: str, known: KnownLoops | None) -> AxisTuning:
     """Identify an axis and look at the evidence of the flights with a chirp on it, else of all."""
     chirped = [log for log in flights if mixer_chirps(log, axis)]
     logs, identify = (chirped, rate_loop) if chirped else (flights, loop_of_flights)
     try:
-        loop = identify(logs, axis)
+        loop = known.loops[axis] if known is not None and axis in known.loops else identify(logs, axis)
     except RotoridError as error:
         others = not chirped and any(mixer_chirps(log, other) for log in flights for other in AXES)
         return AxisTuning(axis, f"no chirp of this axis was given, and without one: {error}" if others else str(error))

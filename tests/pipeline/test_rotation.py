@@ -41,7 +41,7 @@ def test_margins_are_judged_by_their_numbers(computed, state):
 
 def test_an_ordinary_flight_tells_roll_and_pitch_and_why_not_yaw():
     log = logparse.read_log(SQUARE)
-    rotation = find_rotation(log, Span(log.flight.start, log.flight.stop))
+    rotation, _ = find_rotation(log, Span(log.flight.start, log.flight.stop))
     axes = {axis.axis: axis for axis in rotation.axes}
     assert axes["roll"].determined
     assert axes["pitch"].determined
@@ -53,11 +53,11 @@ def test_an_ordinary_flight_tells_roll_and_pitch_and_why_not_yaw():
 def test_only_the_sound_part_counts():
     log = logparse.read_log(SQUARE)
     start, stop = log.flight.start, log.flight.start + 40.0
-    rotation = find_rotation(log, Span(start, stop))
+    rotation, _ = find_rotation(log, Span(start, stop))
     for axis in rotation.axes:
         if axis.rate is not None:
             assert axis.rate.seconds <= stop - start
-    short = find_rotation(log, Span(start, start + 5.0))
+    short, _ = find_rotation(log, Span(start, start + 5.0))
     assert not short.determined
     assert all("s in the air" in axis.reason for axis in short.axes)
 
@@ -89,7 +89,7 @@ def test_margins_of_ordinary_flying_say_only_what_the_whole_interval_says(gain, 
 def test_firmware_without_the_mode_is_not_told_to_fly_it(monkeypatch):
     log = logparse.read_log(SQUARE)
     monkeypatch.setitem(vars(log), "vehicle", replace(log.vehicle, firmware="ArduCopter", version="3.3-dev"))
-    rotation = find_rotation(log, Span(log.flight.start, log.flight.stop))
+    rotation, _ = find_rotation(log, Span(log.flight.start, log.flight.stop))
     assert all("3.3-dev" in axis.loop_reason and "SYSTEMID" not in axis.loop_reason for axis in rotation.axes)
 
 

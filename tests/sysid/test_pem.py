@@ -118,14 +118,14 @@ def test_inputs_that_explain_nothing_are_said_to():
     By a chance of some percent an input still seems to act: errors of a fit to a growing exponential are no noise.
     """
     said, t = [], 0.1 * np.arange(400)
-    for seed in range(12):
+    for seed in range(4):
         rng = np.random.default_rng([21, seed])
         unrelated = 1500.0 + 50.0 * rng.standard_normal((400, 2))
         for y in (np.exp(0.2 * t), np.cumsum(rng.standard_normal(400))):
             model = fit_transfer_functions([Experiment.from_arrays(t, unrelated, y)], 2, 1)
             found = [f.reason for f in model.findings if f.id == "output-unexplained"]
             said.append(any("no input is seen to act" in reason for reason in found))
-    assert sum(said) >= 0.95 * len(said)
+    assert sum(said) >= len(said) - 1
 
 
 def test_a_time_limit_is_kept_and_said():

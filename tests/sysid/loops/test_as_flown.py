@@ -88,13 +88,13 @@ def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_pat
 def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, flight, claimed):
     """`tune` refused such logs while the report showed their margins as good; designs leaned on them too."""
     lies = _log(tmp_path, flight, **claimed)
-    rotation = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
+    rotation, _ = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
     assert rotation.axes[0].loop is None
     assert "not what flew" in rotation.axes[0].loop_reason
     assert [finding.id for finding in rotation.findings].count("parameters-not-flown") == 1
     assert "not what flew" in design(lies, "inertia").refused
     true = _log(tmp_path, flight)
-    assert find_rotation(true, Span(true.flight.start, true.flight.stop)).axes[0].loop is not None
+    assert find_rotation(true, Span(true.flight.start, true.flight.stop))[0].axes[0].loop is not None
 
 
 @pytest.mark.parametrize(("claimed", "sentence"), [(0.08, None), (0.1, "P as logged is 0.80 times")])
