@@ -14,14 +14,18 @@ from reports.figures.flight import draw_flight
 from reports.pages.flight import flight_page
 from reports.report_json import schema
 
+#: What each kind of file holds; of several that fail, an error would not name the one that matters.
+KINDS = {"flight": "FlightReport", "craft": "CraftReport", "fleet": "FleetReport", "tables": "TablesReport"}
+schema_of = cache(schema)
+
 
 @cache
 def validator_of(kind: str) -> jsonschema.Draft202012Validator:
-    """Return the check of one kind of report: of three that fail, an error would not name the one that matters."""
-    whole = schema("report")
-    jsonschema.Draft202012Validator.check_schema(whole)
-    kinds = {"flight": "FlightReport", "craft": "CraftReport", "fleet": "FleetReport"}
-    one = {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{kinds[kind]}"}
+    """Return the check of a kind of report, or of models. That its schema is one is tested once: it takes seconds."""
+    if kind not in KINDS:
+        return jsonschema.Draft202012Validator(schema_of(kind))
+    whole = schema_of("report")
+    one = {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{KINDS[kind]}"}
     return jsonschema.Draft202012Validator(one)
 
 

@@ -27,9 +27,9 @@ from pipeline.results.fleet import LogFailure
 from pipeline.results.model import RmseRow
 from reports.files import folder as files
 from reports.files.folder import rmse_table
-from reports.report_json import read_report, schema
+from reports.report_json import read_report
 from reports.views import summary
-from tests.reports.builders import drawn, strict, validator_of
+from tests.reports.builders import drawn, schema_of, strict, validator_of
 from tests.reports.conftest import composed
 from tests.reports.made import made
 
@@ -252,15 +252,18 @@ def test_what_was_passed_over_is_named_everywhere(flight, tmp_path):
     assert unescape(page).count("6.txt") == 1, "each is named, where nobody must read it"
 
 
+@pytest.mark.parametrize("name", ["report", "models"])
+def test_schemas_are_schemas(name):
+    jsonschema.Draft202012Validator.check_schema(schema_of(name))
+
+
 def test_models_are_as_their_schema_says(flight, fleet, tmp_path):
-    jsonschema.Draft202012Validator.check_schema(schema("models"))
     reports.write(flight, tmp_path)
     for folder in (fleet, fleet / "crafts" / "craft0", tmp_path):
         models = strict((folder / "models.json").read_text("utf-8"))
-        jsonschema.validate(models, schema("models"))
+        validator_of("models").validate(models)
     broken = models | {"flights": [models["flights"][0] | {"models": {"motors": {"kind": "transfer-functions"}}}]}
-    with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(broken, schema("models"))
+    assert not validator_of("models").is_valid(broken)
 
 
 def test_matlab_and_spreadsheets_get_the_same_coefficients(flight, fleet, tmp_path):
