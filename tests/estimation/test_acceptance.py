@@ -7,6 +7,7 @@ import pytest
 
 from estimation import compare, estimate, nees
 from tests.estimation.simulated_flight import fly
+from tests.forms import short_and_whole
 
 #: The errors of GPS position and of heading are a few throws of the dice per flight, so it takes many flights: seeds,
 #: seconds, the largest rms of yaw in degrees, and the ranges of NEES of position, velocity and attitude.
@@ -21,7 +22,7 @@ FEW = range(300, 305), 150.0, 0.25, ((0.0, 2.6), (0.8, 1.05), (0.4, 1.3))
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture(scope="module", params=[FEW, pytest.param(MANY, marks=pytest.mark.whole)], ids=["few", "many"])
+@pytest.fixture(scope="module", params=short_and_whole(FEW, MANY), ids=["few", "many"])
 def judged(request):
     """RMS errors in the order of `Comparison`, mean NEES per degree of freedom by group, and what both may be."""
     seeds, seconds, *limits = request.param

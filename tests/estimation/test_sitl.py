@@ -14,12 +14,13 @@ from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat
 from logparse import read_log
+from tests.forms import short_and_whole
 from tests.paths import SITL
 
 needs_logs = pytest.mark.skipif(not SITL.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
 
 
-@pytest.fixture(scope="module", params=[4, pytest.param(2, marks=pytest.mark.whole)], ids=["quarter", "half"])
+@pytest.fixture(scope="module", params=short_and_whole(4, 2), ids=["quarter", "half"])
 def judged(sitl, request):
     """RMS errors pooled over one log in so many, by measure: of the smoother, of the plain filter and of EKF3."""
     squares = {"smoother": [], "filter": [], "EKF3": []}

@@ -4,20 +4,21 @@ import numpy as np
 import pytest
 
 from logparse import read_log
+from tests.forms import short_and_whole
 from tests.fuzz.__main__ import main
 from tests.fuzz.mutations import mutate
 from tests.fuzz.reading import read_whole
 from tests.fuzz.seeds import seeds
 from tests.fuzz.spans import count, wound
 
-#: Mutations of each format, in short and whole; `python -m tests.fuzz 100000` does more.
-COUNT, WHOLE = 20, pytest.param(80, marks=pytest.mark.whole)
+#: Mutations of each format, and four times as many in the whole form; `python -m tests.fuzz 100000` does more.
+COUNT = 20
 
 _HEAD = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
 _GPS = "FMT, 3, 50, GPS, QBIHB, TimeUS,Status,GMS,GWk,NSats\n"
 
 
-@pytest.mark.parametrize("mutations", [COUNT, WHOLE])
+@pytest.mark.parametrize("mutations", short_and_whole(COUNT, 4 * COUNT))
 @pytest.mark.parametrize("ending", ["bin", "log", "tlog", "ulg"])
 @pytest.mark.filterwarnings("error")
 def test_mutations_end_in_an_error_for_people_or_are_read(ending, mutations, tmp_path):

@@ -6,6 +6,7 @@ import pytest
 
 import reports
 from pipeline import AnalysisConfig, FleetResult, analyze_fleet
+from tests.forms import short_and_whole
 from tests.paths import REAL
 
 pytestmark = [
@@ -19,7 +20,7 @@ def logs() -> list[Path]:
     return sorted(paths, key=lambda path: path.stat().st_size)
 
 
-@pytest.fixture(scope="module", params=[6, pytest.param(None, marks=pytest.mark.whole)], ids=["small", "all"])
+@pytest.fixture(scope="module", params=short_and_whole(6, None), ids=["small", "all"])
 def asked(request) -> list[Path]:
     """Return the smallest logs, or all."""
     return logs()[: request.param]

@@ -13,6 +13,7 @@ from sysid import fit_rigid_body
 from sysid.rigid_body._filter_kernels import whiten
 from sysid.rigid_body.body_motion import SHARED, THETA, motion
 from sysid.rigid_body.systematic import folded, form_and_attitude
+from tests.forms import short_and_whole
 from tests.sysid.craft_flights import HOVER, flown, record
 
 SHAKEN = Mission(
@@ -60,7 +61,7 @@ def test_whitening_is_that_of_the_covariance():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("flights", [3, pytest.param(6, marks=pytest.mark.whole)])
+@pytest.mark.parametrize("flights", short_and_whole(3, 6))
 def test_gusts_are_not_taken_for_drag(flights):
     """Flights in gusts of 1.5 m/s on 6 m/s: drag within 15 % on average, errors as large as claimed.
 

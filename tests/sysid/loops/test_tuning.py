@@ -27,6 +27,7 @@ from sysid.loops.safety import ActuatorNoise, Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import tune_axis
 from sysid.loops.unseen import MODE, unseen_mode
+from tests.forms import short_and_whole
 from tests.paths import REAL
 from tests.sysid.axis_flights import bending, flown_loop, fly_chirp, logged, loop_of_flight
 
@@ -281,7 +282,7 @@ def test_noise_of_motors_beyond_the_band_is_not_raised_by_more_than_the_aim():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.exists(), reason="needs the logs beside the repository")
-@pytest.mark.parametrize("most", [8, pytest.param(None, marks=pytest.mark.whole)], ids=["small", "all"])
+@pytest.mark.parametrize("most", short_and_whole(8, None), ids=["small", "all"])
 def test_real_logs_are_refused_with_a_sentence(most):
     """None of the public logs has the evidence; none may raise anything but an error of reading it."""
     logs = (path for path in REAL.iterdir() if path.suffix not in (".tsv", ".md"))
