@@ -31,7 +31,7 @@ NAMES = ("EK3_DRAG_BCOEF_X", "EK3_DRAG_BCOEF_Y", "EK3_DRAG_MCOEF")
 
 #: Part of the wind by which EKF3's may err (sigma) for the coefficients: the simulator's own hint makes it err by a
 #: tenth (`drag_octa_hint`). In winds of so many m/s, or at the speed flown where that is more.
-_WIND_PART, _IN_WIND = 0.15, 5.0
+_WIND_PART, _IN_WIND = 0.15, 10.0
 
 #: Departure of the wind between the halves of a flight that is another wind, m/s: a wind on `drag_octa_off` that
 #: changes by 2.2 m/s shows as 1.0 and bends the drag by a quarter, one that changes by 1 as 0.5 and bends it by 5 %.
