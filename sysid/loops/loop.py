@@ -15,14 +15,14 @@ import pandas as pd
 
 from core.parameter import Parameter
 from core.summary import Summarised
-from logparse import FlightLog, GivenLogs, logs_of
+from logparse import FlightLog
 from sysid.frequency.axes import MIXER_CHIRPS, axis_of
 from sysid.frequency.estimate import response, response_of_records
 from sysid.frequency.excitation import Chirp, Within, mixer_chirps
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.flight_records import chirp_record, record_of_chirp
-from sysid.frequency.rate_signals import RateSignals, rate_signals
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, RateSignals, rate_signals, sources_of
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse, lagging
 from sysid.loops.controller import LoopError, LoopSettings
@@ -202,7 +202,7 @@ class KnownLoops:
     contradicted: str | None  #: Which parameters of these axes are not what flew; None where all are borne out.
 
 
-def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLoop:
+def rate_loop(log: GivenSignals, axis: str, within: Within | None = None) -> RateLoop:
     """Identify an axis' loop from the chirps of one or several flights with the same settings.
 
     Flights without a chirp on this axis, of which others are given, do not count: the published procedure flies one
@@ -222,7 +222,7 @@ def rate_loop(log: GivenLogs, axis: str, within: Within | None = None) -> RateLo
     FrequencyError
         Where the signals are missing or too short.
     """
-    logs = logs_of(log)
+    logs = [source.log for source in sources_of(log)]
     if not logs:
         raise LoopError("no log was given")
     logs = [one for one in logs if mixer_chirps(one, axis)] or logs
@@ -294,13 +294,14 @@ def ordinary_loop(name: str, frf: FrequencyResponse, model: FrequencyFit, settin
     return loop
 
 
-def loop_of_flights(logs: Sequence[FlightLog], axis: str) -> RateLoop:
+def loop_of_flights(flights: Sequence[LogSignals], axis: str) -> RateLoop:
     """Identify an axis' loop from what sticks, AutoTune or chirps on targets (SID_AXIS 1 to 9) showed of the craft.
 
     LoopError, FrequencyError where that is too little, or the flights differ in their settings.
     """
+    logs = [flight.log for flight in flights]
     settings = shared_settings(logs, axis)
-    frf = response(logs, axis)
+    frf = response(flights, axis)
     return ordinary_loop(", ".join(log.path.name for log in logs), frf, fit(frf), settings)
 
 

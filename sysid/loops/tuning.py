@@ -19,6 +19,7 @@ from core.summary import Summarised, listed
 from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.craft.quadplane import own_names
 from sysid.frequency.excitation import mixer_chirps
+from sysid.frequency.rate_signals import LogSignals
 from sysid.loops.as_flown import contradiction, contradiction_of, gyro_seen
 from sysid.loops.controller import AXES, LoopError
 from sysid.loops.criteria import identified, sheet
@@ -186,7 +187,8 @@ def _tuned(
     reason = other_settings(flights)
     if reason is not None:
         return refuse(reason)
-    tunings = [_examined(flights, axis, known) for axis in AXES]
+    signals = [LogSignals(log) for log in flights]  # read once for all axes
+    tunings = [_examined(signals, axis, known) for axis in AXES]
     loops = {item.axis: item.loop for item in tunings if item.loop is not None and item.refused is None}
     if not loops:
         return refuse(_reasons(tunings), tuple(tunings))
@@ -352,19 +354,20 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
     )
 
 
-def _examined(flights: Sequence[FlightLog], axis: str, known: KnownLoops | None) -> AxisTuning:
+def _examined(flights: Sequence[LogSignals], axis: str, known: KnownLoops | None) -> AxisTuning:
     """Identify an axis and look at the evidence of the flights with a chirp on it, else of all."""
-    chirped = [log for log in flights if mixer_chirps(log, axis)]
-    logs, identify = (chirped, rate_loop) if chirped else (flights, loop_of_flights)
+    chirped = [flight for flight in flights if mixer_chirps(flight.log, axis)]
+    used, identify = (chirped, rate_loop) if chirped else (flights, loop_of_flights)
+    logs = [flight.log for flight in used]
     try:
-        loop = known.loops[axis] if known is not None and axis in known.loops else identify(logs, axis)
+        loop = known.loops[axis] if known is not None and axis in known.loops else identify(used, axis)
     except RotoridError as error:
-        others = not chirped and any(mixer_chirps(log, other) for log in flights for other in AXES)
+        others = not chirped and any(mixer_chirps(flight.log, other) for flight in flights for other in AXES)
         return AxisTuning(axis, f"no chirp of this axis was given, and without one: {error}" if others else str(error))
     alone = []
-    for log in logs if len(logs) > 1 else ():
+    for flight in used if len(used) > 1 else ():
         with suppress(RotoridError):
-            alone.append(identify([log], axis))
+            alone.append(identify([flight], axis))
     apart = max((gain_apart(alone[0], other) for other in alone[1:]), default=1.0)
     if apart > SUMMED:
         return AxisTuning(

@@ -220,7 +220,9 @@ def test_flights_that_answer_differently_are_not_summed(flown, monkeypatch):
     assert gain_apart(*loops) == pytest.approx(4.0 / 3.0, rel=0.02)
     logs = [flown("octa3_id"), copy(flown("octa3_id"))]
     alone = dict(zip(map(id, logs), loops, strict=True))
-    monkeypatch.setattr(tuning, "rate_loop", lambda logs, axis: loops[0] if len(logs) > 1 else alone[id(logs[0])])
+    monkeypatch.setattr(
+        tuning, "rate_loop", lambda flights, axis: loops[0] if len(flights) > 1 else alone[id(flights[0].log)]
+    )
     monkeypatch.setattr(tuning, "without_copies", list)  # one flight stands for both
     assert "1.33 times as strongly" in tune(logs).refused
 
