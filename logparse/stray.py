@@ -16,14 +16,13 @@ from logparse.source import INSTANCE_NAMES
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
 
-#: Rows on either side that a row is held against, and how many times further off it is than any of them.
-BESIDE, RATIO = 10, 6.0
-#: The rows beside a damaged one differ by no more than this part of how far it is off.
-BACK = 0.5
+#: Rows on either side that a row is held against, and how many times further off it is than any of them moves. One of
+#: them may be damaged as well: two of a size within ten rows hid each other in 26-11-2014_181 with flipped bits.
+BESIDE, RATIO = 10, 8.0
 #: Rows further apart than this many usual steps say nothing of what lies between.
 APART = 3.0
 #: Where one field of a row is damaged, the others change by no more than so many times what they do before or after.
-UNMOVED = 2.0
+UNMOVED = 4.0
 #: Nothing that a craft does is so many times further off than all beside it, whatever other fields do: a latitude off
 #: by 140 m in spark404 with flipped bits, while the course of a hovering craft turned. Blows are off by 40 times.
 FAR = 100.0
@@ -105,48 +104,34 @@ def _together(t: Array) -> npt.NDArray[np.bool_]:
 
 
 def _alone_off(values: Array) -> tuple[Rows, Array]:
-    """Return the rows that are off the middle of their neighbours where those about them are not; by how many times."""
+    """Return the rows that stand out between their neighbours as none about them does; by how many times."""
+    middle = values.copy()
     with np.errstate(invalid="ignore", over="ignore"):  # numbers of damaged rows
-        rise = np.abs(np.diff(values))
+        before, at, after = values[:-2], values[1:-1], values[2:]
+        middle[1:-1] = np.maximum(np.minimum(before, at), np.minimum(np.maximum(before, at), after))
+        off, rise = np.abs(values - middle), np.abs(np.diff(middle, append=middle[-1:]))
     moving = rise[rise > 0.0]
     # Below what one row usually differs from the next, resolution and noise make rows of their own.
     least = float(np.median(moving[:: 1 + len(moving) // _USUAL])) if len(moving) > BESIDE else 0.0
-    if not float(moving.max(initial=0.0)) > RATIO * least:
-        return np.empty(0, np.intp), np.empty(0)
-    off, across = _off_middle(values)
-    rows = np.flatnonzero((off > RATIO * least) & (across < BACK * off))
+    rows = np.flatnonzero(off > RATIO * least)
     if not len(rows):
         return rows, np.empty(0)
+    others, moved = _about(off, rows), _about(rise, rows).max(axis=1)
+    others[:, BESIDE] = 0.0
     with np.errstate(divide="ignore", over="ignore"):
-        times = off[rows] / np.maximum(_largest_beside(off, rows), least)
+        times = off[rows] / np.maximum(np.maximum(np.partition(others, -2, axis=1)[:, -2], moved), least)
     return rows[times > RATIO], times[times > RATIO]
 
 
-def _off_middle(values: Array) -> tuple[Array, Array]:
-    """Return how far each value is off the middle of its neighbours, and those from each other."""
-    off, across = np.zeros(len(values)), np.zeros(len(values))
-    with np.errstate(invalid="ignore", over="ignore"):
-        rise = np.diff(values)
-        bend = np.abs(rise[:-1] - rise[1:]) / 2.0
-        off[1:-1] = np.where(bend >= 0.0, np.minimum(bend, np.finfo(np.float64).max), 0.0)
-        across[1:-1] = np.abs(rise[:-1] + rise[1:])
-    return off, across
+def _about(values: Array, rows: Rows) -> Array:
+    """Return the values of the rows about some, shape (rows, 2 BESIDE + 1); 0 beyond the ends and where missing."""
+    return np.nan_to_num(np.lib.stride_tricks.sliding_window_view(np.pad(values, BESIDE), 2 * BESIDE + 1)[rows])
 
 
 def _moved(column: Array, row: int) -> bool:
     """Return whether another column moves more than before it or after it, as by a blow."""
     first = max(row - BESIDE - 1, 0)
-    near, at = column[first : row + BESIDE + 2], row - first
-    for change in _off_middle(near):
-        sides = change[1 : max(at - 1, 2)], change[at + 2 : -1]
-        if change[at] > UNMOVED * min(float(side.max(initial=0.0)) for side in sides):
-            return True
-    return False
-
-
-def _largest_beside(off: Array, rows: Rows) -> Array:
-    """Return how far the rows about some are off, at most, but for those right beside them, which they bend."""
-    padded = np.concatenate([np.zeros(BESIDE), off, np.zeros(BESIDE)])
-    about = np.lib.stride_tricks.sliding_window_view(padded, 2 * BESIDE + 1)[rows].copy()
-    about[:, BESIDE - 1 : BESIDE + 2] = 0.0
-    return np.asarray(about.max(axis=1, initial=0.0))
+    with np.errstate(invalid="ignore", over="ignore"):
+        rise, at = np.nan_to_num(np.abs(np.diff(column[first : row + BESIDE + 2]))), row - first
+    quieter = min(float(side.max(initial=0.0)) for side in (rise[: max(at - 2, 1)], rise[at + 2 :]))
+    return bool(rise[at - 1 : at + 1].max() > UNMOVED * quieter)

@@ -113,6 +113,17 @@ def _is_header(data: Bytes, p: Int, n: Int) -> Any:
     return data[p] == 0xA3 and (p + np.uint64(1) == n or data[p + np.uint64(1)] == 0x95)
 
 
+@inner(nogil=True)
+def _ends_whole(data: Bytes, end: Int, beyond: Int) -> Any:
+    """Whether a message is whole that ends where none begins, before the next one `beyond`.
+
+    It is where it is the last, or where half a header follows: the damage is behind it. Otherwise its own id may be
+    what is damaged, or its end is missing.
+    """
+    n = np.uint64(data.size)
+    return end <= beyond and (beyond == n or data[end] == 0xA3 or data[end + np.uint64(1)] == 0x95)
+
+
 @njit(cache=True, nogil=True)
 def find_chained(data: Bytes, start: Int, candidates: Int32s, length: Int32s) -> Int:
     """Find the first position from `start` where a known message begins whose end is another header or the file's."""
@@ -234,8 +245,7 @@ def follow_chain(
                 elif not fits:
                     state[TRUNCATED] = np.int64(p)
                 skip_to = find_chained(data, p + np.uint64(1), candidates, length)
-                if fits and np.uint64(skip_to) >= p + np.uint64(length[first]):
-                    # Nothing begins inside this message, so it is whole as far as anyone can tell.
+                if fits and _ends_whole(data, p + np.uint64(length[first]), np.uint64(skip_to)):
                     chosen = first
         if chosen >= 0:
             if data[p + np.uint64(2)] == 128:

@@ -63,6 +63,16 @@ def read_or_refuse(data: bytes) -> DataflashSource | None:
     return source
 
 
+def test_a_message_that_leads_to_no_header_is_not_read_as_what_its_damaged_id_says() -> None:
+    """Modes that nobody chose and a GPS failsafe that never was, in 26-11-2014_181 and 11-2-2015_112."""
+    data = bytearray(BASE)
+    start, stop, serial = next(place for place in PLACES if place[1] - place[0] == TYPES[3][2])
+    data[start + 2] = 40 + TYPES[1][2]
+    source = DataflashSource(bytes(data))
+    assert serials(source) == {each for _, _, each in PLACES} - {serial}
+    assert source.findings[0].evidence["bytes"] == stop - start
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_thousands_of_bit_flips_lose_only_the_rows_around_them(seed: int) -> None:
     """One to three flips at a time; a row is safe unless it or both of its neighbours' headers were hit."""

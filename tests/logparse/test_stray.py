@@ -54,6 +54,14 @@ def test_a_damaged_value_is_taken_as_missing_and_counted(name):
     assert count == 1
 
 
+def test_two_damaged_values_of_a_size_do_not_hide_each_other():
+    frame, _ = message("IMU")
+    frame.iloc[[AT, AT + 4], 5] += [19.6, -19.6]
+    mended, count = without_stray("IMU", frame)
+    assert count == 2
+    assert np.flatnonzero(mended["AccZ"].isna()).tolist() == [AT, AT + 4]
+
+
 def test_what_is_beyond_anything_beside_is_damaged_whatever_the_rest_of_its_row_does():
     """A latitude of 140 m while the course of a hovering craft turns (spark404 with flipped bits)."""
     frame, _ = message("GPS")
