@@ -13,3 +13,12 @@ def timed(t: npt.ArrayLike, units: Mapping[str, str] | None = None, /, **columns
     table = pd.DataFrame(columns, index=pd.Index(np.asarray(t, dtype=float), name="t"))
     table.attrs["units"] = dict(units or {})
     return table
+
+
+def inertial(t: npt.ArrayLike, gyro: npt.ArrayLike, accel: npt.ArrayLike) -> pd.DataFrame:
+    """Return a table of an IMU: angular rates and specific forces of shape (n, 3)."""
+    axes = zip("xyz", np.transpose(gyro), np.transpose(accel), strict=True)
+    rates, forces = {}, {}
+    for axis, rate, force in axes:
+        rates[f"gyro_{axis}"], forces[f"accel_{axis}"] = rate, force
+    return timed(t, **rates, **forces)

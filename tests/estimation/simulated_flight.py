@@ -11,7 +11,7 @@ from scipy.signal import bilinear, lfilter
 from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.place import LocalFrame
 from logparse import Geodetic, Tables
-from tests.timed import timed
+from tests.timed import inertial, timed
 
 PLACE = Geodetic(np.radians(47.4), np.radians(8.5), 480.0)
 STEP = 0.002  # s; the truth's own sampling
@@ -137,24 +137,13 @@ def fly(
             mean = signal[:50].mean(axis=0)
             signal[:] = mean + lfilter(b, a, signal - mean, axis=0, zi=state)[0]
     every = round(1.0 / sensors.imu_rate / STEP)
-    index = pd.Index(t[::every], name="t")
-    imu = pd.DataFrame(
-        np.column_stack([gyro, accel])[::every],
-        index=index,
-        columns=["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"],
-    )
+    imu = inertial(t[::every], gyro[::every], accel[::every])
     names = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "q_w", "q_x", "q_y", "q_z"]
-    truth = pd.DataFrame(np.column_stack([position, velocity, quat])[::every], index=index, columns=names)
-    biases = pd.DataFrame(
-        np.column_stack([gyro_bias, accel_bias])[::every],
-        index=index,
-        columns=["b_gx", "b_gy", "b_gz", "b_ax", "b_ay", "b_az"],
-    )
-    gps, baro, mag = (
-        _gps(rng, sensors, frame, t, position, velocity),
-        _baro(rng, sensors, t, position),
-        _mag(rng, sensors, t, C),
-    )
+    truth = pd.DataFrame(np.column_stack([position, velocity, quat])[::every], index=imu.index, columns=names)
+    names = ["b_gx", "b_gy", "b_gz", "b_ax", "b_ay", "b_az"]
+    biases = pd.DataFrame(np.column_stack([gyro_bias, accel_bias])[::every], index=imu.index, columns=names)
+    gps = _gps(rng, sensors, frame, t, position, velocity)
+    baro, mag = _baro(rng, sensors, t, position), _mag(rng, sensors, t, C)
     # Drawn last, so that the other sensors of a seed are the same with and without.
     second = (_gps(rng, sensors, frame, t, position, velocity),) if sensors.second_gps else ()
     tables = Tables(
@@ -164,9 +153,7 @@ def fly(
         mag=mag,
         rangefinder=_ranges(rng, sensors, t, position, C) if sensors.range_finder else None,
         further={"gps": second} if second else {},
-        attitude=pd.DataFrame(
-            {"roll": roll, "pitch": pitch, "yaw": np.arctan2(np.sin(yaw), np.cos(yaw))}, index=pd.Index(t, name="t")
-        ).iloc[:: round(0.1 / STEP)],
+        attitude=timed(t, roll=roll, pitch=pitch, yaw=np.arctan2(np.sin(yaw), np.cos(yaw))).iloc[:: round(0.1 / STEP)],
         parameters={"INS_GYRO_FILTER": sensors.cutoff, "INS_ACCEL_FILTER": sensors.cutoff},
         origin=PLACE,
     )
@@ -188,23 +175,21 @@ def _gps(
     seen += rng.normal(0.0, sensors.gps_white, (m, 3))
     speed = velocity[rows] + rng.normal(0.0, sensors.gps_speed, (m, 3))
     origin = frame.origin
-    return pd.DataFrame(
-        {
-            "t_valid": t[rows],
-            "lat": origin.lat + seen[:, 0] / frame.metres_per_lat,
-            "lon": origin.lon + seen[:, 1] / frame.metres_per_lon,
-            "alt": origin.alt - seen[:, 2],
-            "v_n": speed[:, 0],
-            "v_e": speed[:, 1],
-            "v_d": speed[:, 2],
-            "fix": 3.0,
-            "satellites": 14.0,
-            "hdop": 0.8,
-            "h_acc": sigma[0],
-            "v_acc": sigma[2],
-            "s_acc": sensors.gps_speed,
-        },
-        index=pd.Index(t[rows] + sensors.gps_lag, name="t"),
+    return timed(
+        t[rows] + sensors.gps_lag,
+        t_valid=t[rows],
+        lat=origin.lat + seen[:, 0] / frame.metres_per_lat,
+        lon=origin.lon + seen[:, 1] / frame.metres_per_lon,
+        alt=origin.alt - seen[:, 2],
+        v_n=speed[:, 0],
+        v_e=speed[:, 1],
+        v_d=speed[:, 2],
+        fix=3.0,
+        satellites=14.0,
+        hdop=0.8,
+        h_acc=sigma[0],
+        v_acc=sigma[2],
+        s_acc=sensors.gps_speed,
     )
 
 
@@ -234,4 +219,4 @@ def _mag(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, C: np.ndarra
     rows = np.arange(0, len(t), round(1.0 / sensors.mag_rate / STEP))
     field_b = np.einsum("nji,j->ni", C[rows], 1e-9 * np.array([world.x, world.y, world.z]))
     field_b += rng.normal(0.0, sensors.hard_iron, 3) + rng.normal(0.0, sensors.mag_white, field_b.shape)
-    return pd.DataFrame(field_b, index=pd.Index(t[rows], name="t"), columns=["mag_x", "mag_y", "mag_z"])
+    return timed(t[rows], mag_x=field_b[:, 0], mag_y=field_b[:, 1], mag_z=field_b[:, 2])

@@ -3,19 +3,15 @@
 from datetime import UTC, datetime
 
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.signal import butter, group_delay, lfilter
 from scipy.spatial.transform import Rotation
 
 from estimation.attitude import error_rotation, euler_from_quat, matrix_from_quat, multiply, quat_from_euler
 from estimation.place import ARDUPILOT_RADIUS, LocalFrame, is_simulated, world_field
-from estimation.timing import ACCEL, GYRO, InertialSignal, filter_delay, noise_density
+from estimation.timing import InertialSignal, filter_delay, noise_density
 from logparse import Geodetic
-
-
-def imu_table(t, gyro, accel):
-    return pd.DataFrame(np.column_stack([gyro, accel]), index=pd.Index(t, name="t"), columns=GYRO + ACCEL)
+from tests.timed import inertial
 
 
 def test_delay_is_the_group_delay_of_a_butterworth_filter():
@@ -33,7 +29,7 @@ def test_increments_are_integrals_at_the_time_of_movement():
     delay = filter_delay(20.0)
     wave = np.sin(w * (t - delay))[:, None] * np.array([1.0, 2.0, 3.0])
     parameters = {"INS_GYRO_FILTER": 20.0, "INS_ACCEL_FILTER": 20.0}
-    signal = InertialSignal.of(imu_table(t, wave, wave), parameters, (1e-4, 1e-3))
+    signal = InertialSignal.of(inertial(t, wave, wave), parameters, (1e-4, 1e-3))
     at = np.array([2.0, 2.013, 2.5, 7.77])
     angle, velocity, _ = signal.increments(at)
     exact = (np.cos(w * at[:-1]) - np.cos(w * at[1:]))[:, None] / w * np.array([1.0, 2.0, 3.0])

@@ -13,6 +13,7 @@ import pytest
 from logparse import Finding, Severity, Tables
 from pipeline.storage import dataset
 from tests.reports.conftest import made_flight
+from tests.timed import timed
 
 
 @pytest.fixture(scope="module")
@@ -74,10 +75,7 @@ def test_columns_have_one_type_in_every_log_and_their_units(folder):
 def test_an_experiment_comes_back_to_the_last_bit(flights, tmp_path):
     made = flights[0].experiment
     rng = np.random.default_rng(7)
-    context = pd.DataFrame(
-        {"roll": rng.normal(size=len(made.t)), "density": np.full(len(made.t), np.nan)},
-        index=pd.Index(made.t, name="t"),
-    )
+    context = timed(made.t, roll=rng.normal(size=len(made.t)), density=np.nan)
     given = dataclasses.replace(
         made,
         context=context,

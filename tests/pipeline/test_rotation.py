@@ -18,6 +18,7 @@ from reports.figures.signals import peaks_in_words
 from tests.paths import REAL
 from tests.pipeline.builders import margins, turning
 from tests.reports.conftest import made_flight
+from tests.timed import inertial
 
 SQUARE = "sample_logs/octa08_denver_square.bin"
 
@@ -107,11 +108,7 @@ def flown(*lines: float, swing: float = 0.0, frame: float = 0.0, esc: bool = Fal
     gyro = random.normal(0.0, 0.02, (len(t), 3))
     gyro[:, 0] += sum((0.1 * np.sin(multiple * angle) for multiple in lines), np.zeros(len(t)))
     gyro[:, 1] += 0.1 * np.sin(2.0 * np.pi * frame * t) if frame else 0.0
-    imu = pd.DataFrame(
-        np.column_stack([gyro, np.zeros((len(t), 3))]),
-        index=pd.Index(t, name="t"),
-        columns=["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"],
-    )
+    imu = inertial(t, gyro, np.zeros_like(gyro))
     motors = pd.DataFrame({f"m{k}": 1500.0 + 200.0 * swing * part[::40] for k in (1, 2)}, index=imu.index[::40])
     speeds = pd.DataFrame({f"w{k}": 2.0 * np.pi * rotor[::8] for k in (1, 2)}, index=imu.index[::8])
     return Tables(imu=imu, motors=motors, esc=speeds if esc else None)

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numba import njit
 from scipy.signal import lfilter
 
 from logparse import Tables, Vehicle
 from logparse.craft.frames import motor_table
+from tests.timed import inertial, timed
 
 #: Steps of the simulation [s], of logged outputs and of logged rates.
 STEP, OUTPUTS, RATES = 0.005, 0.1, 0.04
@@ -114,11 +114,8 @@ def fly(
     every, seen = round(OUTPUTS / STEP), slice(None, None, round(RATES / STEP))
     rates = rates[seen] + rng.normal(0.0, 0.003, rates[seen].shape)
     force = rng.normal([0.0, 0.0, -9.8], [0.1, 0.1, 0.0], rates.shape)
-    names = [f"m{motor.number}" for motor in vehicle.motors]
-    motors = pd.DataFrame(pwm[::every], index=pd.Index(t[::every], name="t"), columns=names)
-    columns = ["gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z"]
-    imu = pd.DataFrame(np.hstack([rates, force]), index=pd.Index(t[seen], name="t"), columns=columns)
-    return Tables(motors=motors, imu=imu)
+    outputs = {f"m{motor.number}": pwm[::every, k] for k, motor in enumerate(vehicle.motors)}
+    return Tables(motors=timed(t[::every], **outputs), imu=inertial(t[seen], rates, force))
 
 
 def remaining_thrust(tables: Tables, fault: Fault) -> float:

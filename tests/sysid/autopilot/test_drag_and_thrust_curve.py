@@ -20,9 +20,14 @@ from sysid.records.thrust_curve import relative_density
 
 
 @cache
-def fitted(path):
+def flown(path):
     log = read_log(path)
-    record = Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), 50.0)
+    return log, Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), 50.0)
+
+
+@cache
+def fitted(path):
+    _, record = flown(path)
     return fit_rigid_body([record]), record
 
 
@@ -84,18 +89,9 @@ def test_a_flight_of_the_firmware_without_drag_tells_the_right_ones(unpacked):
     for name, true in {"BCOEF_X": 17.21, "BCOEF_Y": 17.21, "MCOEF": 0.254}.items():
         assert proposed[name].value == pytest.approx(true, rel=0.05)
         assert abs(proposed[name].value - true) < 2.0 * proposed[name].sigma
-    assert all(value.proposed.value is None for value in drag_values(*_flown(unpacked("autopilot/drag_octa_true"))))
-
-
-def _flown(path):
-    model, record = fitted(path)
-    return model, [record], (4, 7), {"EK3_DRAG_BCOEF_X": 17.209, "EK3_DRAG_BCOEF_Y": 17.209, "EK3_DRAG_MCOEF": 0.248}
-
-
-@cache
-def flown(path):
-    log = read_log(path)
-    return log, Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), 50.0)
+    model, record = fitted(unpacked("autopilot/drag_octa_true"))
+    setting = {"EK3_DRAG_BCOEF_X": 17.209, "EK3_DRAG_BCOEF_Y": 17.209, "EK3_DRAG_MCOEF": 0.248}
+    assert all(value.proposed.value is None for value in drag_values(model, [record], (4, 7), setting))
 
 
 def proposals(log, record):
