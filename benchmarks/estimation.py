@@ -1,13 +1,14 @@
 """Trajectory estimation: speed against filterpy, accuracy against EKF3 in the simulator's logs."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
+import pandas as pd
 
-from benchmarks._measure import SITL, Row, cpu, row
+from benchmarks._measure import Row, cpu, readable, row
 from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
-from estimation import estimate
+from estimation import Trajectory, estimate
 from estimation._kernels import ForwardPass
 from estimation.alignment import align
 from estimation.filter import FilterSegment, assemble
@@ -17,7 +18,7 @@ from estimation.place import LocalFrame, World, world_field
 from estimation.smoother import smooth
 from estimation.states import SIZE, SensorNoise
 from estimation.timing import InertialSignal
-from logparse import Tables, read_log
+from logparse import FlightLog, Tables
 from tests.estimation.simulated_flight import PLACE, Sensors, fly
 
 MEASURES = {
@@ -104,26 +105,29 @@ def speed_rows() -> list[Row]:
     return rows
 
 
-def accuracy_rows() -> list[Row]:
-    """Pool RMS errors over the simulator's logs, airborne: of our smoother, our plain filter and EKF3."""
-    if not SITL.is_dir():
-        return [row("accuracy on the simulator's logs", "", peer="logs not there")]
-    ours, plain, theirs = [], [], []
-    for path in sorted(SITL.glob("*.BIN")):
-        log = read_log(path)
-        if log.tables.ekf is None or log.flight is None:
-            continue
+def pooled(flights: Iterable[tuple[FlightLog, Trajectory]]) -> dict[str, pd.Series]:
+    """Pool RMS errors of airborne flights by measure: of our smoother, our plain filter and EKF3."""
+    squares: dict[str, list[dict[str, float]]] = {"smoother": [], "plain filter": [], "EKF3": []}
+    for log, trajectory in flights:
         truth = airborne_truth(log)
-        trajectory = estimate(log.tables)
-        plainly, autopilot = estimate(log.tables, smooth=False), autopilots(log, trajectory)
-        for result, pool in ((trajectory, ours), (plainly, plain), (autopilot, theirs)):
-            pool.append([*squares_of(errors_from(result, truth), MEASURES).values()])
-    rows = []
-    for name, squares in (("smoother", ours), ("plain filter", plain)):
-        for measure, us, them in zip(MEASURES, np.sqrt(np.mean(squares, 0)), np.sqrt(np.mean(theirs, 0)), strict=True):
+        results = (trajectory, estimate(log.tables, smooth=False, rate=10.0), autopilots(log, trajectory))
+        for pool, result in zip(squares.values(), results, strict=True):
+            pool.append(squares_of(errors_from(result, truth), MEASURES))
+    return {name: np.sqrt(pd.DataFrame(pool).mean()) for name, pool in squares.items()}
+
+
+def accuracy_rows() -> list[Row]:
+    """Compare our smoother and our plain filter with EKF3 on the simulator's logs."""
+    logs = [log for _, log in readable("sitl/*.BIN") if log.tables.ekf is not None and log.flight is not None]
+    if not logs:
+        return [row("accuracy on the simulator's logs", "", peer="logs not there")]
+    errors, rows = pooled((log, estimate(log.tables)) for log in logs), []
+    for name in ("smoother", "plain filter"):
+        for measure, us in errors[name].items():
+            them = errors["EKF3"][measure]
             unit = 57.29578 if measure.endswith("deg") else 1.0
-            target = "< 1" if "position" in measure or squares is plain else "< 0.6"
-            what = f"{name} on {len(squares)} logs, EKF3: {measure}"
+            target = "< 1" if "position" in measure or name == "plain filter" else "< 0.6"
+            what = f"{name} on {len(logs)} logs, EKF3: {measure}"
             rows.append((what, f"{us * unit:.4f}", f"{them * unit:.4f}", f"{us / them:.2f}", target))
     return rows
 

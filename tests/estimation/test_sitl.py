@@ -5,11 +5,10 @@ the two is not judged. Only airborne time counts.
 """
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from benchmarks.estimation import MEASURES
-from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
+from benchmarks.estimation import pooled
+from benchmarks.trust import airborne_truth, errors_from, squares_of
 from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat
@@ -23,18 +22,7 @@ needs_logs = pytest.mark.skipif(not SITL.is_dir(), reason="needs the shared logs
 @pytest.fixture(scope="module", params=short_and_whole(4, 2), ids=["quarter", "half"])
 def judged(sitl, request):
     """RMS errors pooled over one log in so many, by measure: of the smoother, of the plain filter and of EKF3."""
-    squares = {"smoother": [], "filter": [], "EKF3": []}
-    for path in sorted(SITL.glob("*.BIN"))[:: request.param]:
-        log, trajectory = sitl(path.stem)
-        truth = airborne_truth(log)
-        results = {
-            "smoother": trajectory,
-            "filter": estimate(log.tables, smooth=False, rate=10.0),
-            "EKF3": autopilots(log, trajectory),
-        }
-        for name, result in results.items():
-            squares[name].append(squares_of(errors_from(result, truth), MEASURES))
-    return {name: np.sqrt(pd.DataFrame(rows).mean()) for name, rows in squares.items()}
+    return pooled(sitl(path.stem) for path in sorted(SITL.glob("*.BIN"))[:: request.param])
 
 
 @needs_logs
@@ -50,7 +38,7 @@ def test_smoother_beats_the_autopilots_filter(judged):
 @pytest.mark.slow
 def test_plain_filter_is_no_worse_than_the_autopilots(judged):
     """Even without the future."""
-    ratio = judged["filter"] / judged["EKF3"]
+    ratio = judged["plain filter"] / judged["EKF3"]
     assert (ratio < 1.0).all(), ratio
 
 
