@@ -10,12 +10,14 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from estimation import Trajectory
     from logparse import FlightLog
 
 ROOT = Path(__file__).parents[1]
@@ -140,6 +142,16 @@ def readable(*patterns: str) -> "Iterator[tuple[Path, FlightLog]]":
         if path.suffix not in (".tsv", ".md", ".json"):
             with suppress(RotoridError):
                 yield packed, read_log(path)
+
+
+@cache
+def sitl_flight(name: str) -> "tuple[FlightLog, Trajectory]":
+    """Return a log of ../shared/logs/sitl and its trajectory."""
+    from estimation import estimate
+    from logparse import read_log
+
+    log = read_log(SITL / f"{name}.BIN")
+    return log, estimate(log.tables)
 
 
 def rms(values: Iterable[float]) -> float:

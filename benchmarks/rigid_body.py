@@ -9,17 +9,14 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks._measure import SITL, Row, listed, row, timed
-from core.units import STANDARD_GRAVITY
-from estimation import estimate
-from logparse import read_log
+from benchmarks._measure import SITL, Row, listed, row, sitl_flight, timed
 from simulation.elhesasy2024 import octocopter
 from simulation.mission import FlownChirp, GoTo, Mission, Turn
 from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, validate
 from tests.sysid.craft_flights import flown as flown_craft
 from tests.sysid.craft_flights import record
-from tests.sysid.honesty import simulated_truth
+from tests.sysid.honesty import firmware_truth, simulated_truth
 
 NOT_HERE = "no logs"
 
@@ -74,8 +71,7 @@ def simulated() -> list[Row]:
 
 @cache
 def flight(name: str) -> Experiment:
-    log = read_log(SITL / f"{name}.BIN")
-    return Experiment.from_flight(log, estimate(log.tables), rate=50.0)
+    return Experiment.from_flight(*sitl_flight(name), rate=50.0)
 
 
 def firmware() -> list[Row]:
@@ -84,23 +80,19 @@ def firmware() -> list[Row]:
         return [row("firmware in the loop", NOT_HERE)]
     rows = []
     for names in (("octa07_loiter_sticks",), ("octa09_systemid_mixer",), ("octa01_auto_calm", "octa05_auto_quito")):
-        facts = json.loads((SITL / f"{names[0]}.json").read_text())["truth"]
-        model = fit_rigid_body([flight(name) for name in names], mass=facts["mass_kg"])
-        volts = model.reference_voltage / facts["model_inputs"]["maxVoltage"]
-        full = facts["max_thrust_per_motor_N_sea_level_static_full_voltage"] * volts**2 / facts["mass_kg"]
-        expo = facts["model_inputs"]["propExpo"]
-        hover = model.value("thrust") * (0.55 - 0.2475 * model.value("thrust_expo")) / (full * (0.55 - 0.2475 * expo))
+        facts = json.loads((SITL / f"{names[0]}.json").read_text())
+        flown = [flight(name) for name in names]
+        model = fit_rigid_body(flown, mass=facts["truth"]["mass_kg"])
+        truth = firmware_truth(facts, flown[0], model.reference_voltage).parameters
+        hover, true_hover = (
+            values["thrust"] * (0.55 - 0.2475 * values["thrust_expo"])
+            for values in ({name: model.value(name) for name in ("thrust", "thrust_expo")}, truth)
+        )
         label = ", ".join(names)
-        rows.append(row(f"{label}: thrust at hover command", f"{100 * (hover - 1):+.2f} %", goal="2 %"))
-        gains = []
-        for axis, inertia in (("roll", "Ixx"), ("pitch", "Iyy")):
-            gain = model.parameters[f"{axis}_gain"]
-            expected = facts["arm_length_m"] * full * facts["mass_kg"] / facts["inertia_kgm2"][inertia]
-            gains.append(_off(gain.value, expected))
+        rows.append(row(f"{label}: thrust at hover command", f"{100 * (hover / true_hover - 1):+.2f} %", goal="2 %"))
+        gains = (_off(model.parameters[name].value, truth[name]) for name in ("roll_gain", "pitch_gain"))
         rows.append(row(f"{label}: effectiveness of roll, pitch", ", ".join(gains), goal="5 %"))
-        momentum = facts["mdrag_coef_used"] * np.sqrt(1.225 * facts["true_prop_area_per_motor"])
-        linear = momentum * np.sqrt(facts["num_motors"] * STANDARD_GRAVITY / facts["mass_kg"])
-        drag = linear * 4.0 + 0.6125 * facts["areaCd_m2"] / facts["mass_kg"] * 16.0
+        drag = truth["drag_linear_x"] * 4.0 + truth["drag_quadratic_x"] * 16.0
         known = {axis: model.parameters[f"drag_quadratic_{axis}"].determined for axis in "xyz"}
         drags = (_off(model.drag(axis, 4.0)[0] if known[axis] else None, drag) for axis in "xyz")
         rows.append(row(f"{label}: drag along x, y, z at 4 m/s", ", ".join(drags), goal="15 %"))

@@ -5,13 +5,9 @@ controller outputs and references; then one octocopter mission is fitted from it
 other flight.
 """
 
-from functools import cache
-
 import numpy as np
 
-from benchmarks._measure import SITL, Row, listed, row, timed
-from estimation import Trajectory, estimate
-from logparse import FlightLog, read_log
+from benchmarks._measure import SITL, Row, listed, row, sitl_flight, timed
 from sysid import Experiment, Validation, fit_closed_loop, fit_transfer_functions, validate
 
 FITTED, HELD_OUT = ("paper01", "paper02", "paper03"), ("paper04", "paper05", "paper06")
@@ -23,14 +19,8 @@ SETS = tuple((inputs, frame) for inputs in ("motors", "mixer", "rate_outputs") f
 BASELINES = ["rmse_mean", "rmse_constant_position", "rmse_constant_velocity", "rmse_reference"]
 
 
-@cache
-def flight(name: str) -> tuple[FlightLog, Trajectory]:
-    log = read_log(SITL / f"{name}.BIN")
-    return log, estimate(log.tables)
-
-
 def record(name: str, inputs: str, frame: str = "earth") -> Experiment:
-    return Experiment.from_flight(*flight(name), inputs=inputs, frame=frame, name=name)
+    return Experiment.from_flight(*sitl_flight(name), inputs=inputs, frame=frame, name=name)
 
 
 def black_box(inputs: str, frame: str) -> tuple[Validation, float]:
