@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from core.lazy import lazy
 from core.summary import listed
 from logparse import Finding, Severity
+from logparse.source import TELEMETRY
 
 if TYPE_CHECKING:
     import numpy as np
@@ -46,9 +47,9 @@ _MAY_BE_ONE = 3
 #: Two recordings of one flight agree this well in position, m: GPS errors and a second of clock error at cruise.
 SAME_PLACE = 20.0
 
-#: And their heights differ by a datum, and by a second of climb (rms), m: simulators fly a craft at one place and time
-#: again and again, and what tells flights in hover apart is how high they are (`octa8_sticks`, `vibration_octa8_off`).
-_SAME_HEIGHT = 5.0
+#: A copy of what was written on board begins or ends its flight at the same count of the boot clock, s: simulators fly
+#: a craft from one place at one time of day again and again (`methodic_quad15_*`, a metre or two apart).
+_COUNT = 1e-4
 
 #: Instants at which two tracks are compared.
 _INSTANTS = 20
@@ -119,7 +120,7 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
     """
     if a.sha256 == b.sha256:
         return a.number == b.number
-    if a.frame_class != b.frame_class:
+    if a.frame_class != b.frame_class or (_on_board(a) and _on_board(b) and not _same_clock(a, b)):
         return False
     spans = [span for span in (_time_of_day(a), _time_of_day(b)) if span is not None]
     if len(spans) < 2:
@@ -131,14 +132,23 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
     return _near(a, b, times)
 
 
+def _on_board(flight: FlightEntry) -> bool:
+    return flight.format not in TELEMETRY
+
+
+def _same_clock(a: FlightEntry, b: FlightEntry) -> bool:
+    """Return whether two flights begin or end at the same count of the boot clock; also where one of them is none."""
+    if a.flight is None or b.flight is None:
+        return True
+    return min(abs(a.flight.start - b.flight.start), abs(a.flight.stop - b.flight.stop)) < _COUNT
+
+
 def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
     """Return whether two tracks are at one place at the same times; also where one of them does not tell."""
     tracks = [track for track in (_places(a, times), _places(b, times)) if track is not None]
     if len(tracks) < 2:
         return True
-    heights = np.linalg.norm(tracks[0], axis=1) - np.linalg.norm(tracks[1], axis=1)
-    apart = float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1)))
-    return apart < SAME_PLACE and float(np.std(heights)) < _SAME_HEIGHT
+    return float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1))) < SAME_PLACE
 
 
 def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
@@ -257,7 +267,7 @@ def once(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
             if same_flight(flights[other], flights[k]):
                 join(other, k)
         insort(in_the_air, (stop, k))
-    kept = {min(group, key=lambda k: (flights[k].format in ("tlog", "mavlink-raw"), k)) for group in recordings}
+    kept = {min(group, key=lambda k: (not _on_board(flights[k]), k)) for group in recordings}
     return [flight for k, flight in enumerate(flights) if k in kept]
 
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from logparse import Motor, Vehicle
 from pipeline.flight.craft import build_of, by_craft, changes, fingerprint, kept_apart, same_flight, tune_of
+from pipeline.results.span import Span
 from tests.pipeline.builders import NOON, OCTA, flown
 
 
@@ -27,15 +28,14 @@ def test_the_same_flight_is_known_by_its_content_or_by_place_and_time(other, sam
     assert same_flight(flown("a"), other) is same
 
 
-def test_hovers_of_one_simulated_place_and_time_are_told_by_their_heights():
-    """A hover at 26 m was taken for a part of one that climbed to 40 m: a simulator starts at one time again."""
-    hover, climbs = flown("a"), flown("b")
-    climbs = dataclasses.replace(
-        climbs, track=tuple((t, north, east, down - min(0.5 * t, 19.0)) for t, north, east, down in climbs.track)
-    )
-    assert not same_flight(hover, climbs)
-    higher = dataclasses.replace(hover, sha256="c", track=tuple((t, n, e, d - 5.0) for t, n, e, d in hover.track))
-    assert same_flight(hover, higher)  # another datum
+def test_flights_of_one_simulated_place_and_time_are_told_by_their_clocks():
+    """Chirps on one axis after the other, each flown by one script from one place, passed for copies of one log."""
+    roll, pitch = flown("a"), flown("b")
+    assert pitch.flight is not None
+    assert same_flight(roll, pitch)  # cut or thinned, of the same boot
+    pitch = dataclasses.replace(pitch, flight=Span(pitch.flight.start + 0.045, pitch.flight.stop - 0.25))
+    assert not same_flight(roll, pitch)
+    assert same_flight(roll, dataclasses.replace(pitch, format="tlog"))  # of another clock
 
 
 def test_crafts_are_kept_apart_and_flights_without_motors_left_out():
