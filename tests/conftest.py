@@ -102,13 +102,12 @@ _LENGTHY = _modules("""
 
 #: The longest of all, half a minute and more each: whichever came last would leave the other workers idle.
 _LONGEST = _modules("""
-    api: browser faults
-    docs: tutorial
+    api: browser crafts faults
+    docs: pages tutorial
     estimation: acceptance sitl
+    fuzz: fuzz
     pipeline: shared_logs
     sysid: rigid_body_flights starts
-    sysid/loops: tuning
-    sysid/six_dof: learning
 """)
 
 

@@ -75,16 +75,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service whose pipeline is a stand-in, with limits that a test can reach."""
-    settings = Settings(data=folder, upload_limit=4_000_000, workers=2, memory_limit=600_000_000)
-    with served(settings) as client:
+    with served(data=folder, upload_limit=4_000_000, workers=2, memory_limit=600_000_000) as client:
         yield client
 
 
 @pytest.fixture
 def hasty_service(tmp_path: Path) -> Iterator[httpx.Client]:
     """Run a service that gives uploads half a second."""
-    settings = Settings(data=tmp_path, upload_stall=0.5, workers=1)
-    with served(settings) as client:
+    with served(data=tmp_path, upload_stall=0.5, workers=1) as client:
         yield client
 
 

@@ -13,7 +13,6 @@ from pydantic import ByteSize
 from sqlalchemy import select, update
 from typer.testing import CliRunner
 
-from api import Settings
 from api.routes import page_forms, pages
 from api.settings import Access
 from api.store.records import ShareRecord, TokenRecord
@@ -177,8 +176,7 @@ def test_an_owner_has_so_many_logs_and_no_more(service: httpx.Client, parts: Par
 
 
 def test_an_owner_has_so_many_bytes_and_orders_and_no_more(tmp_path: Path) -> None:
-    settings = Settings(data=tmp_path, access=Access.TOKENS, bytes_limit=ByteSize(1000), queue_limit=2, workers=1)
-    with served(settings) as client:
+    with served(data=tmp_path, access=Access.TOKENS, bytes_limit=ByteSize(1000), queue_limit=2, workers=1) as client:
         ann, bob = (headers(client.parts, owner) for owner in ("ann", "bob"))
         log = client.post("/api/v1/logs", files={"file": ("a.bin", b"hang".ljust(600))}, headers=ann).json()
         refused = client.post("/api/v1/logs", files={"file": ("b.bin", bytes(600))}, headers=ann)
@@ -193,8 +191,7 @@ def test_an_owner_has_so_many_bytes_and_orders_and_no_more(tmp_path: Path) -> No
 
 
 def test_a_service_that_knows_its_names_answers_under_no_other(tmp_path: Path) -> None:
-    settings = Settings(data=tmp_path, workers=1, access=Access.OPEN, hosts="drone.lab, other.lab")
-    with served(settings) as client:
+    with served(data=tmp_path, workers=1, access=Access.OPEN, hosts="drone.lab, other.lab") as client:
         for path in ("/", "/api/v1/logs", "/healthz", "/static/style.css", "/shared/x", "/nothing"):
             for host, known in (("drone.lab:8000", True), ("OTHER.lab", True), ("localhost", True), ("evil.x", False)):
                 answer = client.get(path, headers={"Host": host})

@@ -90,8 +90,7 @@ def test_who_is_no_proxy_cannot_say_for_whom_it_asks(guarded: tuple[httpx.Client
 
 
 def test_a_proxy_that_the_settings_name_is_believed(tmp_path: Path) -> None:
-    settings = Settings(data=tmp_path, access=Access.TOKENS, workers=1, proxies="127.0.0.1")
-    with served(settings) as client:
+    with served(data=tmp_path, access=Access.TOKENS, workers=1, proxies="127.0.0.1") as client:
         for k in range(12):
             headers = {"X-Forwarded-For": f"192.0.2.{k}"}
             assert client.post("/sign-in", data={"token": "wrong"}, headers=headers).status_code == 401

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 import httpx
 import pytest
 
-from api import Settings
 from api.settings import Access
 from tests.api import flights
 from tests.api.conftest import served
@@ -17,8 +16,7 @@ from tests.api.visits import fly, only_craft, settled, wait
 
 @pytest.fixture
 def service(tmp_path: Path) -> Iterator[httpx.Client]:
-    settings = Settings(data=tmp_path, workers=2)
-    with served(settings, analyze=flights.analyze) as client:
+    with served(data=tmp_path, workers=2, analyze=flights.analyze) as client:
         yield client
 
 
@@ -272,8 +270,7 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
         pipeline.analyze_fleet([logs], None, None, None, store=out, publish=reports.write)
 
     analyze(2)
-    settings = Settings(data=tmp_path / "data", workers=1, out=out)
-    with served(settings, analyze=flights.analyze) as client:
+    with served(data=tmp_path / "data", workers=1, out=out, analyze=flights.analyze) as client:
         wait(lambda: client.get("/api/v1/crafts").json()["items"])
         craft = settled(client, only_craft(client)["id"])
         assert craft["review"]["flights"] == ["flight0", "flight1"]

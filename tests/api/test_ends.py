@@ -38,8 +38,7 @@ def test_poisonous_logs_fail_alone_after_so_many_attempts(tmp_path: Path) -> Non
 @pytest.mark.slow
 def test_an_endless_analysis_is_ended_and_gives_its_place_to_the_next(tmp_path: Path, upload: Upload) -> None:
     """Both hang: on a busy computer a time so short may end a good log as well."""
-    settings = Settings(data=tmp_path, workers=1, time_limit=1.0)
-    with served(settings) as client:
+    with served(data=tmp_path, workers=1, time_limit=1.0) as client:
         _, first = ordered(client, b"hang")
         response = upload(client, b"hang second")
         assert response.status_code == 422
@@ -52,8 +51,7 @@ def test_an_endless_analysis_is_ended_and_gives_its_place_to_the_next(tmp_path: 
 
 @pytest.fixture
 def patient_service(tmp_path: Path) -> Iterator[httpx.Client]:
-    settings = Settings(data=tmp_path, workers=1, lease=1.0)
-    with served(settings) as client:
+    with served(data=tmp_path, workers=1, lease=1.0) as client:
         yield client
 
 

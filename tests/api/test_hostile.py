@@ -11,7 +11,6 @@ from typing import BinaryIO
 import httpx
 import pytest
 
-from api import Settings
 from tests.api.conftest import Upload, served, unfinished
 from tests.api.programs import PATIENCE, wait_until
 
@@ -42,8 +41,7 @@ def read_answer(answer: BinaryIO) -> bytes:
 @pytest.fixture(scope="module")
 def service(folder: Path) -> Iterator[httpx.Client]:
     """Run a service that takes any number of uploads."""
-    settings = Settings(data=folder, upload_limit=4_000_000, upload_rate="", workers=2)
-    with served(settings) as client:
+    with served(data=folder, upload_limit=4_000_000, upload_rate="", workers=2) as client:
         yield client
 
 
@@ -181,8 +179,7 @@ def test_text_of_a_log_is_never_markup(service: httpx.Client, upload: Upload) ->
 @pytest.fixture
 def impatient_service(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[httpx.Client]:
     monkeypatch.setattr("api.web.middleware.PATIENCE", 1.0)
-    settings = Settings(data=tmp_path, upload_stall=1.0, workers=1)
-    with served(settings) as client:
+    with served(data=tmp_path, upload_stall=1.0, workers=1) as client:
         yield client
 
 

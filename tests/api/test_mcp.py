@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 
-from api import Settings
 from api.machine.tools import UnknownError
 from api.server import open_folder
 from api.work.craft_flights import keep
@@ -116,8 +115,7 @@ def test_an_assistant_answers_ten_questions_with_the_numbers_of_the_report(folde
 
 
 def test_the_same_questions_over_http(tmp_path: Path) -> None:
-    settings = Settings(data=tmp_path, workers=1)
-    with served(settings, analyze=flights.analyze) as client:
+    with served(data=tmp_path, workers=1, analyze=flights.analyze) as client:
         for day in range(2):
             client.post(
                 "/api/v1/logs", params={"analyze": True}, files={"file": (f"flight{day}.bin", flights.log(day))}

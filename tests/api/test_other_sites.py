@@ -21,8 +21,7 @@ from tests.api.conftest import Served, served
 
 @pytest.fixture(scope="module", params=[Access.OPEN, Access.TOKENS])
 def service(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    settings = Settings(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1, proxies="127.0.0.1")
-    with served(settings) as client:
+    with served(data=tmp_path_factory.mktemp("data"), access=request.param, workers=1, proxies="127.0.0.1") as client:
         del client.headers[HEADER]
         client.cookies.clear()
         client.cookies.set("rotorid_token", client.parts.tokens.create("ann"))
