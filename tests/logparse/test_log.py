@@ -23,23 +23,12 @@ from tests.timed import timed
 
 def small_log(path: Path, start: float = 10.0, seconds: float = 20.0) -> Path:
     t = np.arange(start, start + seconds, 0.1)
-    index = pd.Index(t, name="t")
-    week = pd.DataFrame(
-        {"Status": np.full(len(t), 3), "GMS": 1000.0 + t, "GWk": np.full(len(t), 2300), "Lat": np.full(len(t), 47.0)},
-        index=index,
-    )
-    attitude = pd.DataFrame({"Roll": np.sin(t), "Pitch": np.cos(t)}, index=index)
-    parameters = pd.DataFrame(
-        {"Name": ["A", "B", "A", "C"], "Value": [1.0, 2.0, 3.0, np.nan]}, index=pd.Index([start] * 4, name="t")
-    )
-    write_dataflash(
-        path,
-        [
-            ("GPS", "QBIHL", "s-s-D", "F-C-G", week),
-            ("ATT", "Qff", "sdd", "F00", attitude),
-            ("PARM", "QNf", "s--", "F--", parameters),
-        ],
-    )
+    messages = [
+        ("GPS", "QBIHL", "s-s-D", "F-C-G", timed(t, Status=3, GMS=1000.0 + t, GWk=2300, Lat=47.0)),
+        ("ATT", "Qff", "sdd", "F00", timed(t, Roll=np.sin(t), Pitch=np.cos(t))),
+        ("PARM", "QNf", "s--", "F--", timed([start] * 4, Name=["A", "B", "A", "C"], Value=[1.0, 2.0, 3.0, np.nan])),
+    ]
+    write_dataflash(path, messages)
     return path
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from logparse.craft.pwm_range import pwm_range
 from logparse.craft.vehicle import describe
+from tests.timed import timed
 
 
 def texts(*lines):
@@ -37,17 +38,13 @@ def outputs(*amplitudes, seed=1):
     t = np.linspace(0.0, 60.0, 600)
     flown = np.interp(t, [0, 5, 8, 50, 55], [0, 0, 1, 1, 0])
     rng = np.random.default_rng(seed)
-    return {
-        "RCOU": pd.DataFrame(
-            {
-                f"Ch{k}": np.rint(1100 + 500 * share * flown + 20 * rng.standard_normal(len(t)) * (share >= 0))
-                if share is not None
-                else np.zeros(len(t))
-                for k, share in enumerate(amplitudes, start=1)
-            },
-            index=pd.Index(t, name="t"),
-        )
-    }
+
+    def output(share):
+        return np.rint(1100 + 500 * share * flown + 20 * rng.standard_normal(len(t)) * (share >= 0))
+
+    shares = {f"Ch{k}": share for k, share in enumerate(amplitudes, start=1)}
+    channels = {name: 0.0 if share is None else output(share) for name, share in shares.items()}
+    return {"RCOU": timed(t, **channels)}
 
 
 QUAD = (1.0, 1.0, 0.9, 1.1)

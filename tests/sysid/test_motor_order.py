@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from logparse import MissingDataError, Tables, Vehicle
@@ -49,15 +48,12 @@ def flown(vehicle, seed, yaw_gain=1.0, chirp=False):
     pwm = np.array([[motor_pwm(command_for(float(one), 0.65), vehicle) for one in row] for row in thrust[::MOTORS]])
     moments = (outputs[:, 1:] + 0.002 * slow[:, 4:]) * GAIN
     rates = np.cumsum(np.roll(moments - moments.mean(axis=0), 3, axis=0), axis=0) / LOOP
-    index = pd.Index(t, name="t")
-    logged = pd.DataFrame(outputs, columns=["out_thrust", "out_roll", "out_pitch", "out_yaw"], index=index)
-    gyro = pd.DataFrame(rates + 0.003 * rng.standard_normal(rates.shape), columns=["gyro_x", "gyro_y", "gyro_z"])
+    lift, roll, pitch, yaw = outputs[::EVERY].T
+    x, y, z = (rates + 0.003 * rng.standard_normal(rates.shape))[:: 2 * EVERY].T
     return Tables(
-        motors=pd.DataFrame(
-            pwm.round(), columns=[f"m{k + 1}" for k in range(len(vehicle.motors))], index=index[::MOTORS]
-        ),
-        rates=logged.iloc[::EVERY],
-        imu=gyro.set_index(index).iloc[:: 2 * EVERY],
+        motors=timed(t[::MOTORS], **{f"m{k + 1}": pwm[:, k].round() for k in range(len(vehicle.motors))}),
+        rates=timed(t[::EVERY], out_thrust=lift, out_roll=roll, out_pitch=pitch, out_yaw=yaw),
+        imu=timed(t[:: 2 * EVERY], gyro_x=x, gyro_y=y, gyro_z=z),
     )
 
 
@@ -227,7 +223,7 @@ def test_patterns_that_no_command_makes_are_not_seen():
 
 def test_a_tricopter_makes_no_yaw_with_its_motors():
     vehicle = framed("tri", None)
-    motors = pd.DataFrame({f"m{m.number}": [1400.0, 1500.0] for m in vehicle.motors}, index=[0.0, 0.1])
+    motors = timed([0.0, 0.1], **{f"m{m.number}": [1400.0, 1500.0] for m in vehicle.motors})
     assert list(project(motors, vehicle, None)) == ["thrust", "roll", "pitch"]
 
 
