@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 import pandas as pd
 
 #: Bytes that are kept for each message of a log, which has about 60 in the file; and those that always are.
-_OF_EACH, _ALWAYS = 32, 16_000_000
+_OF_EACH, _ALWAYS = 24, 16_000_000
 
 Frames = TypeVar("Frames", pd.DataFrame, tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]])
 

@@ -54,6 +54,7 @@ class _Builder:
         columns: dict[str, Columns] = {}
         if dataflash:
             columns["setpoints"] = partial(control.setpoint_columns, messages, vehicle)
+            columns["systemid"] = partial(control.chirp_columns, messages)
         if dataflash and "RATE" in messages:
             columns["rates"] = self._rate_columns
         self._recipes: dict[str, Callable[[Remarks], Built | pd.DataFrame | None]] = {
@@ -89,7 +90,7 @@ class _Builder:
         for name in self._recipes:
             if name not in self._remarks and name not in ("setpoints", "rates"):  # of which there is nothing to say
                 getattr(self.tables, name)
-            together.take(self._remarks.get(name, Remarks()))
+            together.take(self._remarks.setdefault(name, Remarks()))
         together.take(self._wings[1])
         _remark_frame(self._messages, self._vehicle, together)
         return (*together.findings(), *_left_out(getattr(self._messages, "damaged", {})))

@@ -34,7 +34,7 @@ from logparse.canonical.series import (
     with_attitude,
 )
 from logparse.craft.frames import Vehicle
-from logparse.tables import COLUMNS, Geodetic
+from logparse.tables import COLUMNS, Geodetic, framed
 
 _DEGREES = {"roll": "Roll deg", "pitch": "Pitch deg", "yaw": "Yaw deg"}
 _NED = {"n": "ned", "N": "NED"}
@@ -407,16 +407,19 @@ _SILENT = 1.0
 
 def systemid(messages: Messages, kind: Kind) -> pd.DataFrame | None:
     """Signals that were added to the loops: chirps of SYSTEMID mode, and those of PX4's autotuning."""
-    if kind is Kind.PX4:
-        return _autotune(messages)
+    return _autotune(messages) if kind is Kind.PX4 else framed(chirp_columns(messages, COLUMNS["systemid"]))
+
+
+def chirp_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
+    """Columns of the table that `systemid` makes of SYSTEMID mode, one by one, in the order wanted."""
     if (frame := first(messages, "SIDD")) is None:
-        return None
-    made = table(frame, _CHIRP)
-    made["frequency"] *= 2.0 * np.pi
-    if (begun := first(messages, "SIDS")) is not None:
-        said = {"axis": "Ax", "planned": "TR"}
-        made[list(said)] = table(begun, said).reindex(made.index, method="ffill")
-    return made
+        return
+    announced, said = first(messages, "SIDS"), {"axis": "Ax", "planned": "TR"}
+    for column in columns_of(frame.index, ((name, value(frame, _CHIRP[name])) for name in wanted)):
+        name = str(column.name)
+        if name in said and announced is not None:
+            column = table(announced, {name: said[name]})[name].reindex(column.index, method="ffill")
+        yield 2.0 * np.pi * column if name == "frequency" else column
 
 
 def _autotune(messages: Messages) -> pd.DataFrame | None:

@@ -79,7 +79,7 @@ def busiest(log: FlightLog, sound: Span) -> Span:
 
     Chirps may lie anywhere: a flight with some counts as a whole.
     """
-    if sound.stop - sound.start <= LONGEST or log.tables.systemid is not None:
+    if sound.stop - sound.start <= LONGEST or log.tables.has("systemid"):
         return sound
     begins = np.arange(sound.start, sound.stop - LONGEST, _SHIFT * LONGEST)
     angles = ("roll", "pitch", "yaw")

@@ -228,11 +228,10 @@ class Readings:
     @cached_property
     def _chirps(self) -> tuple[Span, ...]:
         """Chirps of SYSTEMID mode with a second on either side."""
-        chirp = self.tables.systemid
-        if chirp is None:
+        added = self.tables.column("systemid", "target")
+        if added is None:
             return ()
-        moving = np.isfinite(chirp["target"].to_numpy(np.float64))
-        times = chirp.index.to_numpy(np.float64)
+        moving, times = np.isfinite(added.to_numpy(np.float64)), added.index.to_numpy(np.float64)
         return tuple(Span(first - 1.0, last + 1.0) for first, last, _ in stretches(times, moving, join=2.0))
 
     def idle(self, t: Floats) -> Mask:
