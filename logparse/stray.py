@@ -21,8 +21,8 @@ Rows = npt.NDArray[np.intp]
 BESIDE, RATIO = 10, 8.0
 #: Rows further apart than this many usual steps say nothing of what lies between.
 APART = 3.0
-#: Where one field of a row is damaged, the others change by no more than so many times what they do before or after.
-UNMOVED = 4.0
+#: Where one field of a row is damaged, the others change by no more than so many times what they do about it.
+UNMOVED = 2.0
 #: Nothing that a craft does is so many times further off than all beside it, whatever other fields do: a latitude off
 #: by 140 m in spark404 with flipped bits, while the course of a hovering craft turned. Blows are off by 40 times.
 FAR = 100.0
@@ -129,9 +129,9 @@ def _about(values: Array, rows: Rows) -> Array:
 
 
 def _moved(column: Array, row: int) -> bool:
-    """Return whether another column moves more than before it or after it, as by a blow."""
+    """Return whether another column moves more than anywhere about it, as by a blow."""
     first = max(row - BESIDE - 1, 0)
     with np.errstate(invalid="ignore", over="ignore"):
         rise, at = np.nan_to_num(np.abs(np.diff(column[first : row + BESIDE + 2]))), row - first
-    quieter = min(float(side.max(initial=0.0)) for side in (rise[: max(at - 2, 1)], rise[at + 2 :]))
-    return bool(rise[at - 1 : at + 1].max() > UNMOVED * quieter)
+    busier = max(float(side.max(initial=0.0)) for side in (rise[: max(at - 2, 1)], rise[at + 2 :]))
+    return bool(rise[at - 1 : at + 1].max() > UNMOVED * busier)

@@ -20,8 +20,9 @@ _LEAP_SECONDS = (
     (datetime(2017, 1, 1, tzinfo=UTC), 18),
 )
 
-#: A time stamp that leaves the rows before and behind it by more than this, s, is damaged.
-_ODD_STEP = 5.0
+#: A time stamp outside its boot by more than this, s, is damaged, as is one outside those of the rows before and behind
+#: it by more than so many usual intervals: rows of slow tasks are written late.
+_OUTSIDE, _OUT_OF_ORDER = 5.0, 3.0
 
 
 def utc_from_gps(week: int, milliseconds: float) -> datetime:
@@ -36,31 +37,33 @@ def utc_from_gps(week: int, milliseconds: float) -> datetime:
 
 
 @njit(cache=True, nogil=True)
-def is_orderly(t: Vector, low: float, high: float, odd_step: float) -> bool:
-    """Whether times lie within a span and never step back by more than `odd_step`."""
+def is_orderly(t: Vector, low: float, high: float) -> bool:
+    """Whether times lie within a span and never step back."""
     # Counted rather than left at the first bad one, so that several are compared at once.
     good = 0
     for k in range(1, t.size):
-        good += (t[k] >= t[k - 1] - odd_step) & (t[k] >= low) & (t[k] <= high)
+        good += (t[k] >= t[k - 1]) & (t[k] >= low) & (t[k] <= high)
     return good == t.size - 1 and low <= t[0] <= high if t.size > 0 else True
 
 
 def mend_times(t: npt.NDArray[np.float64], low: float, high: float) -> tuple[npt.NDArray[np.float64], int]:
     """Replace time stamps that cannot be by interpolation over the rows; return how many, too.
 
-    `t` are those of one message type in file order, s: small steps back are usual and stay.
+    `t` are those of one message type in file order, s: small steps back stay.
     """
-    if is_orderly(t, low - _ODD_STEP, high + _ODD_STEP, _ODD_STEP):
+    least, most = low - _OUTSIDE, high + _OUTSIDE
+    if is_orderly(t, least, most):
         return t, 0
-    odd = (t < low - _ODD_STEP) | (t > high + _ODD_STEP) | ~np.isfinite(t)
+    odd = (t < least) | (t > most) | ~np.isfinite(t)
     if odd.all():
         return np.full_like(t, low), len(t)
     rows = np.arange(len(t))
     likely = np.interp(rows, rows[~odd], t[~odd])
-    # The median of five is the row itself wherever times rise, however long the pauses between them.
-    padded = np.concatenate(([-np.inf] * 2, likely, [np.inf] * 2))
-    middle = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-    stray = np.abs(likely - middle) > _ODD_STEP
+    padded = np.pad(likely, 1, constant_values=(-np.inf, np.inf))
+    before, after = padded[:-2], padded[2:]
+    # Where those beside it are in order it is the row between them that is not; misplaced blocks meet where no row is.
+    outside = np.maximum(before - likely, likely - after)
+    stray = (before <= after) & (outside > _OUT_OF_ORDER * np.median(np.abs(np.diff(likely))))
     if not (odd | stray).all():
         # Where every row contradicts its neighbours there is no telling which to believe.
         odd |= stray

@@ -127,7 +127,7 @@ def estimate(
         return None
     own = table(core, axes({"p_{n}": "P{N} m"}, **_NED) | axes({"v_{n}": "V{N} m/s"}, **_NED) | _DEGREES)
     # Until the filter runs its states are logged as zeros.
-    own[(own.drop(columns=list(ANGLES)) == 0.0).all(axis=1)] = np.nan
+    own[~(own.drop(columns=list(ANGLES)).abs() > 0.0).any(axis=1)] = np.nan
     return own
 
 

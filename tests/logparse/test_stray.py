@@ -208,6 +208,16 @@ def test_times_in_order_are_left_alone() -> None:
     assert mended is t
 
 
+def test_a_time_out_of_the_order_of_its_rows_is_interpolated() -> None:
+    """A bit of half a second put a fix of 11-2-2015_112 among others, from where the craft seemed to jump."""
+    t = 0.1 * np.arange(20.0)
+    damaged = t.copy()
+    damaged[9] -= 0.512
+    mended, count = mend_times(damaged, 0.0, 2.0)
+    assert count == 1
+    np.testing.assert_allclose(mended, t)
+
+
 def test_lone_odd_times_are_interpolated() -> None:
     t = np.array([10.0, 11.0, 9e9, 13.0, 14.0, 2.0, 16.0, np.nan, 18.0])
     mended, count = mend_times(t, 0.0, 20.0)

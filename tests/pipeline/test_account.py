@@ -263,6 +263,12 @@ def test_a_glitch_is_a_jump_against_its_own_speed():
     assert account(flown(gps=gps)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
     gps.loc[44.0:, "lat"] -= 30.0 / 6.371e6
     assert account(flown(gps=gps)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)
+    # One fix alone that leads back is damage, also beside one whose speed is not known.
+    lone = gps.assign(lat=0.8 + 1e-7 * gps.index.to_numpy())
+    row = int(np.argmax(lone.index >= 40.0))
+    lone.iloc[row, lone.columns.get_loc("lat")] += 30.0 / 6.371e6
+    lone.iloc[row - 1, lone.columns.get_loc("v_n")] = np.nan
+    assert not notable(flown(gps=lone))
     # It leapt before its fix was lost, and was right when it came back (gps_jam_octa).
     jammed = gps.assign(fix=np.where((gps.index > 41.0) & (gps.index < 46.0), 1.0, 3.0))
     assert account(flown(gps=jammed)).distance.value == pytest.approx(0.64 * 60.0, abs=1.0)

@@ -67,10 +67,12 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
             satellites_least=left,
         )
     yield from _silence(readings, t, losses)
-    _, _, jump = steps(gps)
+    step, foretold, jump = steps(gps)
     near = within(t, (Span(first - 1.0, last + SILENT) for first, last, _ in losses))
     for first, last, rows in stretches(t, (jump > GLITCH_RADIUS) & flying & ~near, join=RECOVERS):
-        worst = float(jump[rows].max())
+        worst, left = float(jump[rows].max()), (step - foretold)[rows].sum(axis=0)
+        if rows.stop - rows.start == 2 and np.linalg.norm(left) < GLITCH_RADIUS:
+            continue  # to one fix and back
         yield finding(
             "gps-glitch", f"GPS jumped by {worst:.0f} m against its own speed.", t=first, end=last, jump_m=worst
         )

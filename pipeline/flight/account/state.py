@@ -77,7 +77,7 @@ def steps(gps: pd.DataFrame) -> tuple[Floats, Floats, Floats]:
     """
     lat, lon, t = gps["lat"].to_numpy(np.float64), gps["lon"].to_numpy(np.float64), gps.index.to_numpy(np.float64)
     step = EARTH_RADIUS * np.column_stack([np.diff(lat, prepend=lat[:1]), np.diff(lon, prepend=lon[:1]) * np.cos(lat)])
-    dt, speed = np.diff(t, prepend=t[:1]), gps[["v_n", "v_e"]].shift().to_numpy(np.float64)
+    dt, speed = np.diff(t, prepend=t[:1]), gps[["v_n", "v_e"]].ffill(limit=1).shift().to_numpy(np.float64)
     foretold = speed * dt[:, None]
     missed = np.linalg.norm(step - foretold, axis=1) - 0.5 * ACCELERATION * dt**2
     missed[~np.isfinite(missed) | (dt > SILENT)] = 0.0

@@ -258,6 +258,8 @@ def find_pulses(moments: Moments, vehicle: Vehicle) -> list[MotorFault]:
         for row, column in zip(*np.nonzero(pulses), strict=True):
             loss, score = float(min(fits.loss[row, column], 1.0)), float(np.sqrt(fits.gain[row, column]))
             rise = moments.pwm[row : row + size, column].mean() - np.median(moments.pwm[:, column])
+            if rise <= 0.0:
+                continue  # what gives less is asked for more; a damaged output of the motor across is not
             faults.append(
                 MotorFault(
                     motor=vehicle.motors[column].number,
