@@ -116,6 +116,10 @@ def _alone_off(values: Array) -> tuple[Rows, Array]:
     rows = np.flatnonzero(off > RATIO * least)
     if not len(rows):
         return rows, np.empty(0)
+    # Courses that touch north are as near to each other the other way round.
+    off[rows] = np.where(
+        (values[rows] >= 0.0) & (off[rows] < 360.0), np.minimum(off[rows], 360.0 - off[rows]), off[rows]
+    )
     others, moved = _about(off, rows), _about(rise, rows).max(axis=1)
     others[:, BESIDE] = 0.0
     with np.errstate(divide="ignore", over="ignore"):

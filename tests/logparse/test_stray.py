@@ -105,6 +105,8 @@ def test_a_heading_that_goes_through_north_is_not_damaged():
     attitude, _ = message("ATT")
     turning = attitude.assign(Yaw=np.degrees(0.3 * np.arange(N)) % 360.0)
     assert without_stray("ATT", turning)[1] == 0
+    touching = attitude.assign(Yaw=(attitude["Yaw"] - 2.5) % 360.0)  # in some rows alone
+    assert without_stray("ATT", touching)[1] == 0
 
 
 def test_events_are_none_of_it():
