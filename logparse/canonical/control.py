@@ -126,8 +126,8 @@ def estimate(
     if core is None:
         return None
     own = table(core, axes({"p_{n}": "P{N} m"}, **_NED) | axes({"v_{n}": "V{N} m/s"}, **_NED) | _DEGREES)
-    # Until the filter runs its states are logged as zeros.
-    own[~(own.drop(columns=list(ANGLES)).abs() > 0.0).any(axis=1)] = np.nan
+    # Until the filter runs its states are logged as zeros, of which damage changes one.
+    own[(own.drop(columns=list(ANGLES)).abs() > 0.0).sum(axis=1) < 2] = np.nan
     return own
 
 

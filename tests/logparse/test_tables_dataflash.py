@@ -262,7 +262,7 @@ def test_a_filter_that_does_not_run_yet_has_no_estimate():
     frame = timed(
         [1, 2, 3], **{name: [0.0, 0.0, 1.0] for name in ("PN", "PE", "PD", "VN", "VE", "VD", "Roll", "Pitch", "Yaw")}
     )
-    frame.iloc[1, 3] = np.nan  # a damaged value that was left out
+    frame.iloc[1, 2:4] = [3.0, np.nan]  # damaged values, of which one was left out
     tables, _ = build({"EKF1": frame})
     assert tables.ekf["p_d"].isna().tolist() == [True, True, False]
 

@@ -233,6 +233,13 @@ def test_sticks_swung_by_hand_are_no_oscillation_where_only_angles_have_targets(
     assert [event for event, *_ in events] == (["oscillation"] if (rate, target) == (25.0, "level") else [])
 
 
+def test_damage_of_two_rows_in_different_fields_is_no_lost_fix():
+    gps = flown().gps.copy()
+    row = int(np.argmax(gps.index >= 40.0))
+    gps.iloc[row, gps.columns.get_loc("lat")], gps.iloc[row + 1, gps.columns.get_loc("satellites")] = np.nan, 2.0
+    assert not notable(flown(gps=gps))
+
+
 def test_a_jammed_receiver_is_timed():
     gps = flown().gps.copy()
     gps.loc[40.0:46.0, ["fix", "satellites"]] = [1.0, 3.0]

@@ -49,7 +49,8 @@ def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
     flying = readings.flying(t)
     fix, satellites = gps["fix"].to_numpy(np.float64), gps["satellites"].to_numpy(np.float64)
     with np.errstate(invalid="ignore"):
-        lost = (fix < 3.0) | (satellites < SATELLITES) | ~np.isfinite(gps["lat"].to_numpy(np.float64))
+        signs = (fix < 3.0, satellites < SATELLITES, ~np.isfinite(gps["lat"].to_numpy(np.float64)))
+    lost = (np.sum(signs, axis=0) > 1) | np.logical_or.reduce([_not_alone(sign) for sign in signs])
     losses = list(_losses(t, lost, flying, readings.flight.stop))
     for first, last, rows in losses:
         before, inside = satellites[(t < first) & (t > first - SILENT)], satellites[rows]
@@ -90,6 +91,12 @@ def _losses(t: Floats, lost: Mask, flying: Mask, stop: float) -> Iterator[Stretc
         # One row alone is damage, and so are some among many.
         if last > first and 2 * len(rows) > rows[-1] + 1 - rows[0]:
             yield Stretch(first, last, slice(int(rows[0]), int(rows[-1]) + 1))
+
+
+def _not_alone(sign: Mask) -> Mask:
+    """Return the rows of a sign that the row before or behind shows too."""
+    beside = np.pad(sign, 1)
+    return np.asarray(sign & (beside[:-2] | beside[2:]))
 
 
 def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[Finding]:
