@@ -40,7 +40,8 @@ def test_the_curve_is_the_transfer_functions_own(flight):
         trace for trace in bode.data if trace.get("name") == "m2" and trace["yaxis"] == "y" and "fill" not in trace
     )
     expected = np.abs(model.transfer_functions["y"]["m2"].response(2.0 * np.pi * np.array(gain["x"])))
-    assert np.allclose(10.0 ** (np.array(gain["y"]) / 20.0), expected, rtol=2e-3)
+    # Figures travel with four digits: beyond 100 dB that is one behind the point.
+    assert np.allclose(gain["y"], 20.0 * np.log10(expected), rtol=5e-4)
     bands = [trace for trace in bode.data if trace.get("fill") == "toself" and trace["legendgroup"] == "m2"]
     assert bands, "this flight determines its model"
 
