@@ -130,3 +130,16 @@ def mended_times(mended: Mapping[str, int]) -> Iterator[Finding]:
             message=name,
             rows=count,
         )
+
+
+def misplaced_blocks() -> Finding:
+    """Report a power-up whose blocks lie in the file in another order than they were written, or twice."""
+    text = "Blocks of the file stand in another order than they were written, or twice; rows were put in order of time."
+    return warning("file-damaged", text, COPY_AGAIN)
+
+
+def in_order(frame: pd.DataFrame) -> pd.DataFrame:
+    """Return rows in the order in which they were written, each once."""
+    ordered = frame.sort_index(kind="stable")
+    compared = [name for name in ordered if not isinstance(ordered[name].dtype, pd.ArrowDtype)]
+    return ordered[~ordered[compared].reset_index().duplicated().to_numpy()]

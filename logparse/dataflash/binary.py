@@ -22,7 +22,7 @@ from logparse.dataflash import _decode
 from logparse.dataflash.chain import Chain, Int64s, Slot
 from logparse.dataflash.findings import crowded_names, scan_findings
 from logparse.dataflash.format import FMT_ID, HEADER, UnitTable
-from logparse.source import Boot, MessageSource, clean_text, mended_times
+from logparse.source import Boot, MessageSource, clean_text, in_order, mended_times
 from logparse.timebase import mend_times
 
 
@@ -112,13 +112,6 @@ def _text_column(raw: npt.NDArray[np.bytes_], is_bytes: bool) -> Any:
         len(raw), pa.py_buffer(offsets.tobytes()), pa.py_buffer(cells[kept].tobytes())
     )
     return pd.array(text, dtype="str")
-
-
-def _in_order(frame: pd.DataFrame) -> pd.DataFrame:
-    """Return rows in the order in which they were written, each once."""
-    ordered = frame.sort_index(kind="stable")
-    compared = [name for name in ordered if not isinstance(ordered[name].dtype, pd.ArrowDtype)]
-    return ordered[~ordered[compared].reset_index().duplicated().to_numpy()]
 
 
 #: Times so far outside a boot, us, are not taken for neighbours.
@@ -219,7 +212,7 @@ class DataflashSource(MessageSource):
             if not own:
                 raise KeyError(name)
             frames[name] = own[0][1] if len(own) == 1 else self._joined(name, boot, own)
-        return {name: _in_order(frame) for name, frame in frames.items()} if boot in chain.shuffled else frames
+        return {name: in_order(frame) for name, frame in frames.items()} if boot in chain.shuffled else frames
 
     def _gather(self, boot: Boot, layout: Layout, row: Int64s, last: Int64s) -> None:
         """Fill the columns of `layout`, whose tables have the messages from `row` to `last` of all positions."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from core.findings import Finding, Severity, info, warning
 from core.quantity import counted
-from logparse.source import COPY_AGAIN, behind_the_end, listed, several_boots
+from logparse.source import COPY_AGAIN, behind_the_end, listed, misplaced_blocks, several_boots
 
 if TYPE_CHECKING:
     from logparse.dataflash.chain import Chain
@@ -38,12 +38,7 @@ def scan_findings(chain: "Chain") -> Iterator[Finding]:
     yield from _definitions(chain)
     yield from _dropped_by_autopilot(chain)
     if chain.shuffled:
-        yield warning(
-            "file-damaged",
-            "Blocks of the file stand in another order than they were written, or twice; rows were put in order of "
-            "time.",
-            COPY_AGAIN,
-        )
+        yield misplaced_blocks()
     if any(slot.is_receivers_clock for slot in chain.slots):
         yield info(
             "clock-doubtful",

@@ -56,6 +56,7 @@ class BootClock:
     #: shape (n, 4): Position in the stream, logger time less boot time [us], boot time there and at the next knot [us].
     knots: Int64s
     jumps: tuple[float, ...]  #: Jumps of the logger's clock within a boot, s.
+    shuffled: bool = False  #: Whether blocks lie in another order than they were received, or twice.
 
 
 def find_boots(windows: Int64s, size: int, stamped: bool, boundary: Callable[[int, int], int]) -> BootClock:
@@ -83,7 +84,8 @@ def find_boots(windows: Int64s, size: int, stamped: bool, boundary: Callable[[in
             knots[first, KNOT_FIRST] -= _FAR_US
             knots[stop - 1, KNOT_NEXT] += _FAR_US
             jumps += _jumps(windows[first:stop, DELAY])
-    return BootClock(tuple(boots), knots, tuple(jumps))
+    back = np.flatnonzero(windows[1:, FIRST_BOOT] < windows[:-1, LAST_BOOT] - RESTART_MS) + 1
+    return BootClock(tuple(boots), knots, tuple(jumps), shuffled=not set(back.tolist()) <= set(restarts))
 
 
 def _continues(before: Int64s, after: Int64s, stamped: bool) -> npt.NDArray[np.bool_]:
@@ -91,6 +93,8 @@ def _continues(before: Int64s, after: Int64s, stamped: bool) -> npt.NDArray[np.b
     restarted = after[:, FIRST_BOOT] < before[:, LAST_BOOT] - RESTART_MS
     if stamped:
         gap = after[:, FIRST_BOOT] - before[:, LAST_BOOT] > _GAP_MS
+        # Blocks in another order than they were written, or twice, step back in the logger's time as well.
+        restarted &= np.abs(after[:, DELAY] - before[:, DELAY]) > _LATER_US
         restarted |= gap & (after[:, DELAY] - before[:, DELAY] > _LATER_US)
     return ~restarted
 

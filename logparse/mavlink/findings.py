@@ -8,7 +8,7 @@ from core.findings import Finding, info, warning
 from logparse.mavlink import _decode
 from logparse.mavlink.clock import BootClock
 from logparse.mavlink.scan import Scan, dialect_arrays
-from logparse.source import COPY_AGAIN, behind_the_end, listed, several_boots
+from logparse.source import COPY_AGAIN, behind_the_end, listed, misplaced_blocks, several_boots
 
 #: So many frames of a message with a wrong checksum, and hardly one with a right one, come from another definition.
 _FOREIGN = 10
@@ -115,6 +115,8 @@ def _clock(scan: Scan, clock: BootClock, has_boot_time: bool) -> Iterator[Findin
             "on.",
             "Raise the telemetry rates of attitude and position above 0.",
         )
+    if clock.shuffled:
+        yield misplaced_blocks()
     if clock.jumps:
         jumps = listed(f"{jump:+.1f} s" for jump in clock.jumps)
         yield info(

@@ -27,7 +27,7 @@ from logparse.mavlink.clock import BootClock, find_boots, logger_clock
 from logparse.mavlink.dialect import definitions
 from logparse.mavlink.findings import scan_findings
 from logparse.mavlink.scan import Scan, dialect_arrays
-from logparse.source import Boot, MessageSource, clean_text
+from logparse.source import Boot, MessageSource, clean_text, in_order
 
 _STAMP_BYTES = 8
 #: Bytes by which a stream with time stamps is told from one without.
@@ -213,7 +213,8 @@ class TlogSource(MessageSource):
             )  # fmt: skip
             self._pages.release_up_to(chunk.last_mark)
         self._pages.release()
-        return {name: self._frame(plan, k) for k, name in enumerate(names)}
+        frames = {name: self._frame(plan, k) for k, name in enumerate(names)}
+        return {name: in_order(frame) for name, frame in frames.items()} if self.clock.shuffled else frames
 
     def _frame(self, plan: "_Plan", k: int) -> pd.DataFrame:
         name = plan.names[k]

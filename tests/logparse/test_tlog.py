@@ -325,6 +325,18 @@ def test_microseconds_of_32_bits_come_round():
     np.testing.assert_array_equal(frame.index, np.arange(4250.0, 4350.0))
 
 
+@pytest.mark.parametrize("blocks", [[0, 2, 1, 3], [0, 1, 1, 2, 3]], ids=["swapped", "doubled"])
+def test_misplaced_blocks_of_one_power_up_are_put_in_order(blocks):
+    """The ground station's stamps go back with the boot clock, as they do not where the autopilot starts again."""
+    parts = [Flight().fly(start, start + 20).data for start in range(10, 90, 20)]
+    source = TlogSource(b"".join(parts[block] for block in blocks))
+    (boot,) = source.boots
+    assert (boot.t_start, boot.t_end) == (10.0, 89.75)
+    attitude = source.decode("ATTITUDE", boot)
+    np.testing.assert_allclose(attitude["roll"], np.arange(10.0, 90.0, 0.25))
+    assert "another order" in findings(source)["file-damaged"].reason
+
+
 def test_times_that_are_no_boot_times_are_disbelieved():
     flight = Flight()
     for k in range(10, 60):
