@@ -36,7 +36,9 @@ def wound(data: bytes, ending: str, rng: np.random.Generator) -> tuple[bytes, in
     damaged[at:stop] = rng.integers(0, 256, min(put, stop - at) if gone else put, np.uint8).tobytes()
     # A line begins behind the end of the one before it: where that is lost, they are one.
     before = ending == "log"
-    return bytes(damaged), sum(span.start - before < stop and at < span.stop for _, span in every)
+    # The end of a DataFlash message is known by the header behind it: without any of that, its own may be what is lost.
+    behind = ending == "bin"
+    return bytes(damaged), sum(span.start - before < stop and at < span.stop + behind for _, span in every)
 
 
 def count(log: FlightLog) -> int:
