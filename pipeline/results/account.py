@@ -72,7 +72,7 @@ class BatteryReading:
     end: float
     lowest: float
     lowest_t: float
-    cells: int | None = None  #: Lithium cells in series, by the voltage at rest.
+    cells: int | None = None  #: Lithium cells in series, by the voltage at rest; None where that is not logged.
     sag: Parameter | None = None  #: Resistance by which the voltage sags, ohm; None where current is not logged.
 
 

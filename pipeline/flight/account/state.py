@@ -131,12 +131,13 @@ def battery(readings: Readings) -> BatteryReading | None:
     flown = None if table is None else table.loc[flight.start : flight.stop]
     columns = [] if flown is None else [flown.index, flown["voltage"], flown["current"]]
     end = float(after.median()) if len(after) else float(inside.iloc[-1])
+    at_rest = [float(part.median()) for part in (before, after) if len(part)]
     return BatteryReading(
         start=start,
         end=end,
         lowest=float(inside.min()),
         lowest_t=float(inside.index[int(np.argmin(inside.to_numpy()))]),
-        cells=math.ceil(max(start, end) / _FULL),
+        cells=math.ceil(max(at_rest) / _FULL) if at_rest else None,
         sag=sag_resistance(*(column.to_numpy(np.float64) for column in columns)) if columns else None,
     )
 
