@@ -12,9 +12,9 @@ from core.findings import Finding, Severity, info, warning
 from logparse.craft.log_settings import Need, bits_of, how_to_log, log_setting
 from logparse.craft.pwm_range import pwm_range
 from logparse.flights import LONGEST_GAP
+from logparse.formats import TELEMETRY
 from logparse.heights import heights
 from logparse.rest import at_rest, calibration
-from logparse.source import TELEMETRY
 
 if TYPE_CHECKING:
     from logparse.flights import LONGEST_GAP, Flight

@@ -20,9 +20,10 @@ from core.summary import Summarised, listed
 from core.units import numbers
 from logparse.containers import Buffer, open_buffer, read_head
 from logparse.craft.quadplane import HoveringSource
+from logparse.formats import TELEMETRY
 from logparse.kept import Kept
 from logparse.messages import IntactMessages, Messages
-from logparse.source import TELEMETRY, Boot, MessageSource
+from logparse.source import Boot, MessageSource
 from logparse.tables import COLUMNS
 from logparse.timebase import utc_from_gps
 

@@ -11,8 +11,6 @@ import pandas as pd
 from core.findings import Finding, info, warning
 from core.quantity import counted
 
-#: Formats that were received by radio, whose every message has a checksum.
-TELEMETRY = ("tlog", "mavlink-raw")
 #: Columns that hold the instance of a sensor, by age of the firmware.
 INSTANCE_NAMES = ("I", "Instance", "Inst")
 

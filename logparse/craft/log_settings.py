@@ -15,7 +15,7 @@ from enum import StrEnum
 from typing import Protocol
 
 from logparse.craft.frames import Vehicle
-from logparse.source import TELEMETRY
+from logparse.formats import TELEMETRY
 
 
 class _Logged(Protocol):

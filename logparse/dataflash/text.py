@@ -7,6 +7,7 @@ from, with wider columns where the text holds more than the format says, and rea
 """
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -108,6 +109,8 @@ class _Group:
         for item, column in zip(fields, columns, strict=True):
             if not _may_be_text(item):
                 fit &= _numeric(column, _limits(item) if item is clock or item.type.divisor != 1 else None)
+            if item is clock:
+                fit &= np.array([cell.strip().isdecimal() for cell in column], bool)
         if not fit.all():
             columns = [[cell for cell, kept in zip(column, fit, strict=True) if kept] for column in columns]
         return np.array(numbers, np.int64)[fit], columns
@@ -119,8 +122,8 @@ class _Text:
     def __init__(self, raw: bytes):
         self._groups: list[_Group] = []
         self._declared: list[tuple[int, _Group]] = []  # Line of each FMT line, and what it declares.
-        self._unknown: dict[str, int] = {}
-        self._misfits: dict[str, int] = {}
+        self._unknown: Counter[str] = Counter()
+        self._misfits: Counter[str] = Counter()
         start = _FMT_LINE.search(raw)
         lines = raw.decode("utf-8", "replace").split("\n")
         before = raw[: start.start()].count(b"\n") if start else 0
@@ -138,12 +141,12 @@ class _Text:
                 in_force[name].lines.append(number)
                 in_force[name].texts.append(text)
             elif name:
-                self._unknown[name] = self._unknown.get(name, 0) + 1
+                self._unknown[name] += 1
 
     def _declare(self, number: int, text: str, in_force: dict[str, _Group]) -> None:
         definition = _definition(text)
         if definition is None or (len(in_force) > _MOST_NAMES and definition.name not in in_force):
-            self._misfits[FMT.name] = self._misfits.get(FMT.name, 0) + 1
+            self._misfits[FMT.name] += 1
             return
         known = in_force.get(definition.name)
         if known is None or known.declared != definition:
@@ -157,7 +160,7 @@ class _Text:
         for group in self._groups:
             group.pack(ids[group.declared.name])
             if misfits := len(group.lines) - len(group.numbers):
-                self._misfits[group.declared.name] = self._misfits.get(group.declared.name, 0) + misfits
+                self._misfits[group.declared.name] += misfits
         if not self._declared:
             return b""
         formats = np.frombuffer(b"".join(group.definition.pack() for _, group in self._declared), np.uint8)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from core.lazy import lazy
 from core.summary import listed
 from logparse import Finding, Severity
+from logparse.formats import TELEMETRY
 
 if TYPE_CHECKING:
     import numpy as np
@@ -132,7 +133,7 @@ def same_flight(a: FlightEntry, b: FlightEntry) -> bool:
 
 
 def _on_board(flight: FlightEntry) -> bool:
-    return flight.format not in ("tlog", "mavlink-raw")  # `logparse.source` wants numpy, which the service goes without
+    return flight.format not in TELEMETRY
 
 
 def _same_clock(a: FlightEntry, b: FlightEntry) -> bool:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from logparse.craft.log_settings import Bit, LogSetting, mask
-from logparse.source import TELEMETRY
+from logparse.formats import TELEMETRY
 from pipeline.results.answer import Advice, having, names_of
 
 if TYPE_CHECKING:

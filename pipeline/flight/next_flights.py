@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from core.quantity import joined, readable
 from core.summary import listed
 from logparse.craft.log_settings import Need, bits_of
-from logparse.source import TELEMETRY
+from logparse.formats import TELEMETRY
 from pipeline.flight.craft import in_order
 from pipeline.flight.logging_advice import logging
 from pipeline.flight.summary import WIND_AS_DRAG, flight_entry

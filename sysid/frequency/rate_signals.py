@@ -201,9 +201,14 @@ class LogSignals:
         self.log, self._within = log, within
 
     @cached_property
+    def rates(self) -> RateSignals:
+        """Return what the rate controllers said."""
+        return rate_signals(self.log, self._within)
+
+    @cached_property
     def controllers(self) -> RateSignals:
-        """Return what the rate controllers said, their outputs as motors got them."""
-        return as_motors_got(self.log, rate_signals(self.log, self._within))
+        """Return the same with their outputs as motors got them."""
+        return as_motors_got(self.log, self.rates)
 
     @cached_property
     def tells_height(self) -> bool:

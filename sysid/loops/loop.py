@@ -22,7 +22,7 @@ from sysid.frequency.excitation import Chirp, Within, mixer_chirps
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.flight_records import chirp_record, record_of_chirp
-from sysid.frequency.rate_signals import GivenSignals, LogSignals, RateSignals, rate_signals, sources_of
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, RateSignals, sources_of
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import FrequencyResponse, lagging
 from sysid.loops.controller import LoopError, LoopSettings
@@ -222,13 +222,13 @@ def rate_loop(log: GivenSignals, axis: str, within: Within | None = None) -> Rat
     FrequencyError
         Where the signals are missing or too short.
     """
-    logs = [source.log for source in sources_of(log)]
-    if not logs:
+    flights = sources_of(log)
+    if not flights:
         raise LoopError("no log was given")
-    logs = [one for one in logs if mixer_chirps(one, axis)] or logs
-    settings = shared_settings(logs, axis)
-    records = tuple(record for one in logs for record in _records(one, axis, within))
-    return loop_of_records(", ".join(one.path.name for one in logs), records, settings)
+    flights = [flight for flight in flights if mixer_chirps(flight.log, axis)] or flights
+    settings = shared_settings([flight.log for flight in flights], axis)
+    records = tuple(record for flight in flights for record in _records(flight, axis, within))
+    return loop_of_records(", ".join(flight.log.path.name for flight in flights), records, settings)
 
 
 def loop_of_records(name: str, records: tuple[LoopRecord, ...], settings: LoopSettings) -> RateLoop:
@@ -330,10 +330,9 @@ def _useful(loop: RateLoop, top: float) -> None:
         )
 
 
-def _records(log: FlightLog, axis: str, within: Within | None = None) -> tuple[LoopRecord, ...]:
+def _records(flight: LogSignals, axis: str, within: Within | None) -> tuple[LoopRecord, ...]:
     """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order."""
-    which = axis_of(axis)
-    signals = rate_signals(log)
+    which, log, signals = axis_of(axis), flight.log, flight.rates
     chirps = mixer_chirps(log, axis, within)
     if not chirps:
         raise LoopError(

@@ -117,6 +117,14 @@ def test_64_bit_integers_are_exact() -> None:
     assert source.decode("X", source.boots[0])["Big"].tolist() == [18446744073709551615, 9007199254740993]
 
 
+def test_a_damaged_clock_costs_its_line_and_no_other_times() -> None:
+    lines = [f"X, {t}\n" for t in range(1_000_000, 2_000_000, 100_000)]
+    lines[4] = "X, 14000.0\n"
+    source = DataflashTextSource(("FMT, 1, 11, X, Q, TimeUS\n" + "".join(lines)).encode())
+    times = source.decode("X", source.boots[0]).index
+    assert times.tolist() == [1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8, 1.9]
+
+
 def test_several_boots() -> None:
     text = "FMT, 1, 11, X, Q, TimeUS\n" + "".join(f"X, {t}\n" for t in range(60_000_000, 61_000_000, 10_000))
     source = DataflashTextSource((text + text.replace("X, 60", "X, 20")).encode())
