@@ -122,7 +122,7 @@ class FlightReport:
             vehicle=replace(self.vehicle, motors=()),
             rmse=(),
             models=tuple(model.in_short() for model in self.models),
-            thrust=None if self.thrust is None else replace(self.thrust, per_motor={}, effort={}, findings=()),
+            thrust=None if self.thrust is None else replace(self.thrust, findings=()),
             parameters=None,
             trajectory=None,
             coverage=coverage,

@@ -103,29 +103,10 @@ def thrust_coefficients(thrust: ThrustModel | None, missing: Mapping[str, str]) 
     """Tabulate thrust coefficients with their uncertainty; or report why there are none."""
     if thrust is None:
         return ShownThrust(missing=missing.get("thrust") or missing.get("experiment", ""))
-    common, motors = thrust.common, thrust.per_motor
-    rows = []
-    single = any(value.determined for value in motors.values())
-    for label, value in (
-        ("All motors alike", common),
-        *((f"Motor {name.removeprefix('m')}", motors[name]) for name in motors if single),
-    ):
-        cells = [uncertain(value.per_mass, value.sigma)]
-        if thrust.mass:
-            cells.append(uncertain(value.newton, value.newton_sigma))
-        rows.append(Row(label, cells))
-    reasons = []
-    if common.reason:
-        reasons.append(f"All motors alike: not determined, {common.reason}.")
-    if not single:
-        why = "; ".join(dict.fromkeys(value.reason for value in motors.values() if value.reason))
-        reasons.append(f"Single motors: not determined, {why or 'the data do not tell them apart'}.")
-    else:
-        reasons += [
-            f"Motor {name.removeprefix('m')}: not determined, {value.reason}."
-            for name, value in motors.items()
-            if value.reason
-        ]
+    common = thrust.common
+    cells = [uncertain(common.per_mass, common.sigma)]
+    if thrust.mass:
+        cells.append(uncertain(common.newton, common.newton_sigma))
     mass = (
         f"Newtons are by the given mass of {thrust.mass:g} kg."
         if thrust.mass
@@ -136,12 +117,12 @@ def thrust_coefficients(thrust: ThrustModel | None, missing: Mapping[str, str]) 
         table=Table(
             label="",
             heads=["thrust/mass (m/s²)", "thrust (N)"] if thrust.mass else ["thrust/mass (m/s²)"],
-            rows=rows,
+            rows=[Row("All motors alike", cells)],
             caption=f"Thrust of one motor at full command {summary.thrust_conditions(thrust)}, from the accelerometer. "
             f"The uncertainty is that on this flight; on another day {number(100 * thrust.air_sigma, 2)} % come to it "
             f"for the density of the air. {mass}",
         ),
-        reasons=reasons,
+        reasons=[f"Not determined: {common.reason}."] if common.reason else [],
         facts=f"The craft hovers at {number(thrust.hover_pwm, 4)} µs, {number(hover, 2)} % of full command; "
         f"the model leaves {number(thrust.rmse, 2)} m/s² of the specific force unexplained.",
     )

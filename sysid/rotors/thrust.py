@@ -18,21 +18,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from core.units import STANDARD_GRAVITY
-from logparse import Finding, Severity
+from logparse import Finding
 from sysid.records.experiment import Experiment, ExperimentError, require_alike
 from sysid.records.motor_scaling import command_for, motor_pwm
 from sysid.records.thrust_curve import REFERENCE_DENSITY
-from sysid.rotors.thrust_record import ThrustCoefficient, ThrustModel
+from sysid.rotors.thrust_record import ThrustModel
 from sysid.rotors.thrust_regression import (
     BLOCK_SECONDS,
-    SEPARABLE,
-    Blocks,
     air_sigma_of,
     blocks_of,
     changed_in_flight,
     coefficient,
     coefficients,
-    condition_of,
     conditions_of,
     mass_unknown,
     outputs_of,
@@ -45,7 +42,7 @@ from sysid.rotors.thrust_regression import (
 
 
 def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | None = None) -> ThrustModel:
-    """Estimate thrust per command, common and per motor, from accelerometer and PWM.
+    """Estimate thrust per command, alike for all motors, from accelerometer and PWM.
 
     Parameters
     ----------
@@ -74,24 +71,9 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     sums, forces = summed(blocks), [block.force for block in blocks]
     together = regress(sums, forces)
     part = unexplained_part(records, blocks)
-    condition, effort = condition_of(blocks), np.vstack([block.thrust for block in blocks]).mean(axis=0)
-    alike = f"the motors' signals are too alike (condition number {condition:.1e})" if condition > SEPARABLE else ""
-    per_motor = _each_motor(blocks, motors, mass, part, unlogged or alike)
     if reference is not None:
         for rows, block in zip(sums, blocks, strict=True):
             findings += changed_in_flight(block, rows @ together.values)
-    undetermined = [motor for motor, value in per_motor.items() if not value.determined]
-    if undetermined and not unlogged:
-        findings.append(
-            Finding(
-                "not-determined",
-                Severity.INFO,
-                f"thrust of single motors is not determined for {', '.join(undetermined)}: vertical force shows only "
-                f"the sum of motors that move together (condition number {condition:.1e}); the common coefficient is",
-                "fly with strong roll, pitch and yaw excitation, or measure motors on a bench",
-                {"undetermined": len(undetermined), "condition": condition},
-            )
-        )
     if mass is None:
         findings.append(mass_unknown())
     expo, density = vehicle.thrust_expo, float(np.mean([block.density for block in blocks]))
@@ -99,35 +81,19 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
     return ThrustModel(
         name="thrust per motor command, autopilot's thrust curve",
         common=coefficient(float(together.values[0]), float(together.sigma[0]), mass, part, unlogged),
-        per_motor=per_motor,
         mass=mass,
         thrust_expo=expo,
         reference_density=REFERENCE_DENSITY,
         reference_voltage=reference,
         damping=float(together.values[1]) if len(together.values) > 1 else None,
-        effort=dict(zip(motors, map(float, effort / effort.mean()), strict=True)),
         hover_command=hover,
         hover_pwm=motor_pwm(hover, vehicle),
         rmse=together.rmse,
-        condition=condition,
         seconds=usable * BLOCK_SECONDS,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
         air_sigma=air_sigma_of(records),
     )
-
-
-def _each_motor(
-    blocks: Sequence[Blocks], motors: Sequence[str], mass: float | None, part: float, reason: str
-) -> dict[str, ThrustCoefficient]:
-    """Estimate a coefficient for each motor, all off by a `part`, or the reason why none is determined."""
-    rows = [np.hstack([block.thrust, sums[:, 1:]]) for block, sums in zip(blocks, summed(blocks), strict=True)]
-    apart = regress(rows, [block.force for block in blocks])
-    still = np.all(np.vstack([block.thrust for block in blocks]) == 0.0, axis=0)
-    return {
-        motor: coefficient(float(value), float(sigma), mass, part, reason or ("the motor never turns" if idle else ""))
-        for motor, value, sigma, idle in zip(motors, apart.values, apart.sigma, still, strict=False)
-    }
 
 
 def thrust_changes(record: Experiment) -> list[Finding]:

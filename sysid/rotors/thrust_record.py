@@ -43,14 +43,13 @@ class ThrustModel(Summarised):
     hover_command: float | None
     hover_pwm: float | None
     rmse: float | None  #: Of one-second means of the specific force, m/s^2.
-    condition: float | None  #: Condition number of the motors' regressors, scaled.
     seconds: float  #: Flight time used.
     #: Relative standard uncertainty of the air's density, common to all coefficients: on another day it adds to sigma.
     air_sigma: float
     units: Mapping[str, str] = field(default_factory=lambda: {"per_mass": f"m/s^2 {_FULL}", "newton": f"N {_FULL}"})
-    common: ThrustCoefficient  #: One coefficient for all motors.
-    effort: Mapping[str, float | None]  #: Mean thrust command of each motor over the mean of all motors.
-    per_motor: Mapping[str, ThrustCoefficient]  #: A coefficient for each motor by name.
+    #: One coefficient for all motors: vertical force shows only their sum. With roll and pitch rates beside it,
+    #: `sysid.fit_kim2017` tells motors apart.
+    common: ThrustCoefficient
     training: tuple[str, ...]
     findings: tuple[Finding, ...]
 

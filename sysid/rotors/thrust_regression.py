@@ -37,9 +37,6 @@ CHANGED, CHANGED_SIGMAS, CHANGED_SECONDS = 0.12, 6.0, 10.0
 #: What names such a flight.
 THRUST_CHANGED = "thrust-changed-in-flight"
 
-#: Condition number of the motors' signals above which motors are not told apart.
-SEPARABLE = 1e4
-
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
@@ -131,14 +128,6 @@ def summed(blocks: Sequence[Blocks]) -> list[Floats]:
     climb = np.concatenate([block.climb for block in blocks])
     used = 2 if len(climb) and float(np.sqrt(np.mean(climb**2))) > 0.2 else 1
     return [np.column_stack([block.thrust.sum(axis=1), block.climb])[:, :used] for block in blocks]
-
-
-def condition_of(blocks: Sequence[Blocks]) -> float:
-    """Condition number of the signals of the motors that turn, scaled."""
-    signals = np.vstack([block.thrust for block in blocks])
-    size = np.linalg.norm(signals, axis=0)
-    # A motor that never turns tells nothing, and says nothing of how well the others are told apart.
-    return float(np.linalg.cond(signals[:, size > 0.0] / size[size > 0.0])) ** 2
 
 
 def regress(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Regression:
