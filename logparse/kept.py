@@ -1,4 +1,4 @@
-"""What is kept of a log: tables of its messages and those made of them, as long as there is room."""
+"""What is kept of a log: tables of messages and those made of them while there is room, and small results."""
 
 from collections.abc import Callable, Hashable
 from typing import Any, TypeVar
@@ -9,6 +9,7 @@ import pandas as pd
 _OF_EACH, _ALWAYS = 24, 16_000_000
 
 Frames = TypeVar("Frames", pd.DataFrame, tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]])
+Result = TypeVar("Result")
 
 
 class Kept:
@@ -21,6 +22,7 @@ class Kept:
         self._room = max(_ALWAYS, _OF_EACH * messages)
         self._frames: dict[Hashable, Any] = {}
         self._sizes: dict[Hashable, int] = {}
+        self._results: dict[Hashable, Any] = {}
 
     def __contains__(self, key: Hashable) -> bool:
         return key in self._frames
@@ -29,6 +31,7 @@ class Kept:
         """Let everything go: what it was made of has changed."""
         self._frames.clear()
         self._sizes.clear()
+        self._results.clear()
 
     def get(self, key: Hashable, make: Callable[[], Frames]) -> Frames:
         """Return the frames of a key, made where they are not kept."""
@@ -44,6 +47,13 @@ class Kept:
             self._frames[key], self._sizes[key] = made, size
         frames: Frames = self._frames[key]
         return frames
+
+    def result(self, key: Hashable, make: Callable[[], Result]) -> Result:
+        """Return the result of a key, made once: one so small beside the log that it never needs to go."""
+        if key not in self._results:
+            self._results[key] = make()
+        found: Result = self._results[key]
+        return found
 
 
 def _bytes(frames: pd.DataFrame | tuple[Any, ...] | None) -> int:

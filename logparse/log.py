@@ -8,7 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Concatenate, ParamSpec, Self, TypeVar, overload
 
 import numpy as np
 import pandas as pd
@@ -58,6 +58,9 @@ _MOST_BOOTS = 8
 _OUTPUTS, _DRIVEN = {"RCOU": ("C1", "Ch1", "Chan1"), "MOT": ("Mot1",), "SERVO_OUTPUT_RAW": ("servo1_raw",)}, 20.0
 #: A flight of this part of the time that motors ran is taken for the longest.
 _IN_FLIGHT = 0.8
+
+Given = ParamSpec("Given")
+Made = TypeVar("Made")
 
 
 class FlightLog(Summarised):
@@ -179,6 +182,21 @@ class FlightLog(Summarised):
         if self._shown is None or len(self.flights) == 1 or len(self.boots) > 1:
             return self.path.name
         return f"{self.path.name}#{self._shown + 1}"
+
+    def derived(
+        self, make: Callable[Concatenate["FlightLog", Given], Made], *given: Given.args, **named: Given.kwargs
+    ) -> Made:
+        """Return what a function makes of this log and of further arguments, made once.
+
+        Parameters
+        ----------
+        make : callable
+            A module's function, whose result is small beside the log and is not altered by those who ask for it.
+        *given, **named
+            Its further arguments, hashable.
+        """
+        key = (make, self._shown, given, tuple(named.items()))
+        return self._kept.result(key, lambda: make(self, *given, **named))
 
     def of_boot(self, boot: Boot) -> Self:
         """Return another power-up of the same file."""

@@ -47,6 +47,7 @@ class Chirp:
     at_mixer: bool  #: Whether the chirp was added after the controller (SID_AXIS 10-13).
     complete: bool  #: Whether it ran as long as SIDS announced.
     rows: pd.DataFrame = field(repr=False)  #: Those of `Tables.systemid` within it.
+    _splines: dict[str, Callable[[Floats], Floats] | None] = field(init=False, repr=False, default_factory=dict)
 
     @property
     def duration(self) -> float:
@@ -79,6 +80,11 @@ class Chirp:
         A spline through rows that end where the chirp is fast swings beyond all bounds there. Order 13: at 0.4 of the
         logging rate a cubic is wrong by 20 %, this one by 0.3 %.
         """
+        if column not in self._splines:
+            self._splines[column] = self._spline(column)
+        return self._splines[column]
+
+    def _spline(self, column: str) -> Callable[[Floats], Floats] | None:
         values = self.rows[column].to_numpy(np.float64)
         known = np.isfinite(values)
         if np.count_nonzero(known) < FEWEST_ROWS:
@@ -108,6 +114,10 @@ def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ..
     clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the parameter SID_AXIS
     tells the axis.
     """
+    return log.derived(_find_chirps, within)
+
+
+def _find_chirps(log: FlightLog, within: Within | None) -> tuple[Chirp, ...]:
     table = log.tables.systemid
     if table is None or len(table) < 8:
         return ()

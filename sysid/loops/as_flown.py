@@ -134,8 +134,7 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
 
 def gyro_seen(log: FlightLog, axis: str) -> bool:
     """Return whether a log bears the gyro's filters out on an axis: SIDD has the rates before them, and they agree."""
-    settings, rates = read_settings(log, axis), _rates(log)
-    seen = [block for chirp in mixer_chirps(log, axis) for block in _gyro_block(rates, chirp, settings)]
+    seen = log.derived(_gyro_blocks, axis)
     return bool(seen) and all(block.apart <= block.tolerated for block in seen)
 
 
@@ -145,12 +144,11 @@ def _blocks(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
     if not chirps:
         yield from _proportional(log, settings)
         return
-    rates = _rates(log)
-    for chirp in chirps:
-        yield from _gyro_block(rates, chirp, settings)
+    yield from log.derived(_gyro_blocks, settings.axis)
     terms = pid_rows(log, settings.axis, ("Tar", "Act", "P", "I", "D"))
     # At a limit the controller is another, which says so itself.
     if terms is not None and limited_chirp(log, settings.axis) is None:
+        rates = _rates(log)
         for chirp in chirps:
             yield from _controller_blocks(terms, rates, chirp, settings)
 
@@ -210,6 +208,12 @@ def _controller_blocks(
         filtered = first_order(rate, controller.FLTT).response(hz)
         ways = [list(_compared(signals, "wanted", "Tar", late * filtered, hz, "FLTT", axis)) for late in (back, ones)]
         yield from min(ways, key=lambda blocks: blocks[0].apart if blocks else np.inf)
+
+
+def _gyro_blocks(log: FlightLog, axis: str) -> tuple[_Block, ...]:
+    """Compare the gyro's filters in each chirp on the axis."""
+    settings, rates = read_settings(log, axis), _rates(log)
+    return tuple(block for chirp in mixer_chirps(log, axis) for block in _gyro_block(rates, chirp, settings))
 
 
 def _gyro_block(rates: RateSignals | None, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:

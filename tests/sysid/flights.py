@@ -19,6 +19,13 @@ class Log:
     vehicle: Vehicle | None = None
 
 
+class PartsOfLog(SimpleNamespace):
+    """A log of the parts that a test needs, which keeps nothing that is made of them."""
+
+    def derived(self, make, *given):
+        return make(self, *given)
+
+
 def made(tables=None, vehicle=None, flight=(10.0, 50.0), north=None, east=None, down=None, yaw=0.0):
     """Make a flight of 60 s with states at 50 Hz, a given path [m] and heading [rad] over time."""
     t = np.arange(0.0, 60.0, 0.02)

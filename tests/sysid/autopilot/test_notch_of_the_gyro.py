@@ -17,6 +17,7 @@ from sysid.autopilot.values import AutopilotValues
 from sysid.loops.filters import cascade, harmonic_notches, second_order
 from sysid.loops.loop import rate_loop
 from tests.sysid.axis_flights import flown_loop
+from tests.sysid.flights import PartsOfLog
 
 RATE, SIZE = 1000.0, 1024
 FILTERS = {f"ATC_RAT_{axis}_{name}": 20.0 for axis in ("RLL", "PIT", "YAW") for name in ("FLTT", "FLTD")}
@@ -52,7 +53,7 @@ def flight(hover_hz=83.0, exponent=0.5, sag=0.0, option=0, instances=(0,), rates
     speeds = pd.DataFrame({"w1": esc * line, "w2": esc * line}, index=setpoints.index)
     heads = pd.DataFrame([(1, instance, 1e6) for instance in instances], columns=["type", "instance", "mul"])
     vehicle = SimpleNamespace(firmware="ArduCopter", version="4.5.7")
-    return SimpleNamespace(
+    return PartsOfLog(
         name="made.bin",
         path=SimpleNamespace(name="made.bin"),
         flight=SimpleNamespace(start=5.0, stop=75.0),

@@ -30,6 +30,7 @@ from sysid.loops.unseen import MODE, unseen_mode
 from tests.forms import short_and_whole
 from tests.paths import REAL
 from tests.sysid.axis_flights import bending, flown_loop, fly_chirp, logged, loop_of_flight
+from tests.sysid.flights import PartsOfLog
 
 HZ = np.geomspace(0.1, 120.0, 4000)
 
@@ -253,7 +254,7 @@ def test_a_battery_that_sinks_during_a_chirp_is_refused_unless_the_autopilot_mak
     tables = SimpleNamespace(battery=battery, systemid=log.tables.systemid)
     for highest, sentence in ((0.0, "fell by 4 %"), (16.8, "")):
         vehicle = SimpleNamespace(battery_voltage_max=highest)
-        sinking = SimpleNamespace(
+        sinking = PartsOfLog(
             tables=tables, vehicle=vehicle, path=log.path, messages=log.messages, of_one_flight=False, parameters={}
         )
         assert sentence in (sagged(sinking, "roll") or "")
