@@ -44,6 +44,9 @@ def cost(measured: Complex, modelled: Complex, coherence: Floats) -> float:
 #: Times that shift the phase: the sign of each in the effective delay, which shows at low frequency.
 TIMES: Mapping[str, float] = {"delay": 1.0, "lag": 1.0, "lead": -1.0}
 
+#: These, and what of a closed loop lags.
+_DELAYING = (*TIMES, "corner", "damping_ratio")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FrequencyFit(Summarised):
@@ -206,8 +209,7 @@ def stated(model: FrequencyFit) -> FrequencyFit:
         name: _parameter(spec, value, model.sigma_of(partial(value_of, name)), model.responses)
         for (name, spec), value in zip(specs.items(), model.values.tolist(), strict=True)
     }
-    if any(response.unit != "rad/rad" for response in model.responses):
-        parameters |= _times(model, specs)
+    parameters |= _times(model, specs)
     reason = _refusal(parameters, model)
     if reason:
         parameters = {name: Parameter(None, None, known.unit, reason) for name, known in parameters.items()}
@@ -221,25 +223,38 @@ def _times(model: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str,
     row = max(response.step for response in model.responses)  # by as much the stamps of two signals may differ
     prefixes = dict.fromkeys(name.removesuffix("gain") for name in specs if name.rpartition(".")[2] == "gain")
     for prefix in prefixes:
-        parts = [next((n for n in (f"{prefix}{time}", time) if n in specs), "") for time in TIMES]
-        places = [model.names.index(name) for name in parts if name]
-        spec = specs[model.names[places[0]]]
+        parts = _parts_of_delay(model, prefix)
+        places = [model.names.index(name) for name in parts]
+        delay = model.names[places[0]]
 
-        def whole(fit: FrequencyFit, parts: Sequence[str] = parts) -> float:
-            return sum(sign * value_of(part, fit) for sign, part in zip(TIMES.values(), parts, strict=True) if part)
+        def whole(fit: FrequencyFit, prefix: str = prefix) -> float:
+            return sum(_parts_of_delay(fit, prefix).values())
 
         value, sigma = whole(model), model.sigma_of(whole)
-        known = _parameter(spec, value, sigma, model.responses)
+        known = _parameter(specs[delay], value, sigma, model.responses)
         if -SIGNIFICANT * sigma - row < value < 0.0:
             known = _of_none(value, sigma)
         parameters[f"{prefix}effective_delay"] = known
-        delay, late = model.names[places[0]], model.values[places[0]]
-        if late < 0.0:
-            parameters[delay] = _of_none(float(late), model.sigma_of(partial(value_of, delay)))
-        if len(places) == 1 or _exchanged(model.covariance - flights, places):
-            reason = "only the sum of delay and lag, less a lead, is determined: the effective delay"
-            parameters |= {model.names[k]: Parameter(None, None, "s", reason) for k in places}
+        if parts[delay] < 0.0:
+            parameters[delay] = _of_none(parts[delay], model.sigma_of(partial(value_of, delay)))
+        # A lag or a lead that the structure lacks is in its delay.
+        alone = not {"lag", "lead"} & {name.rpartition(".")[2] for name in parts}
+        summed = parts if _exchanged(model.covariance - flights, places) else [delay] if alone else []
+        reason = "only the sum of what lags, less what leads, is determined: the effective delay"
+        parameters |= {name: Parameter(None, None, specs[name].unit, reason) for name in summed}
     return parameters
+
+
+def _parts_of_delay(fit: FrequencyFit, prefix: str) -> dict[str, float]:
+    """Return what parameters of an axis add to the phase of slow inputs, s, by their names, the delay first."""
+    own = {part: name for part in _DELAYING for name in (part, f"{prefix}{part}") if name in fit.names}
+    values = {part: value_of(name, fit) for part, name in own.items()}
+    parts = {own[part]: sign * values[part] for part, sign in TIMES.items() if part in own}
+    if "corner" in own:
+        parts[own["corner"]] = 1.0 / values["corner"]
+    if "damping_ratio" in own:
+        parts[own["damping_ratio"]] = 2.0 * values["damping_ratio"] / value_of(f"{prefix}natural_frequency", fit)
+    return parts
 
 
 def _refusal(parameters: Mapping[str, Parameter], model: FrequencyFit) -> str:
@@ -248,8 +263,10 @@ def _refusal(parameters: Mapping[str, Parameter], model: FrequencyFit) -> str:
     coarse = any(response.trim is not None for response in model.responses)
     if model.cost > (ACCEPTABLE if coarse else POOR):
         return f"the structure misses the response: cost J {model.cost:.0f}"
+    # A closed loop may follow as slowly as it is asked to.
+    possible = {} if model.responses[0].unit == "rad/rad" else _POSSIBLE
     for name, known in parameters.items():
-        limits = _POSSIBLE.get(name.rpartition(".")[2])
+        limits = possible.get(name.rpartition(".")[2])
         if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
             said = name.replace("_", " ")
             return (

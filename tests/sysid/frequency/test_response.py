@@ -5,7 +5,7 @@ from typing import cast
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
+from scipy.signal import cont2discrete, lfilter
 
 from core.parameter import Parameter
 from sysid.frequency.axes import AXES, FrequencyError
@@ -109,6 +109,39 @@ def test_a_parameter_that_no_frequency_shows_is_not_determined() -> None:
     fitted = fit(response_of_records([late], axis), "closed loop, first order")
     assert fitted.parameters["corner"].value is None
     assert fitted.parameters["gain"].value == pytest.approx(1.0, rel=0.05)
+
+
+def following(seed: int, frequency: float, damping: float, lead: float, late: float) -> AxisRecord:
+    """Return a record of a second-order loop with a zero and a delay that follows targets steered at random."""
+    rng = np.random.default_rng(seed)
+    target = lfilter([0.05], [1.0, -0.95], rng.normal(0.0, 0.3, 4500))
+    continuous = [frequency**2 * lead, frequency**2], [1.0, 2.0 * damping * frequency, frequency**2]
+    num, den, _ = cont2discrete(continuous, 2.0 * DT, "foh")
+    t = 2.0 * DT * np.arange(len(target))
+    answer = np.interp(t - late, t, lfilter(num.ravel(), den, target)) + rng.normal(0.0, 0.01, len(t))
+    everywhere = np.ones(len(t), dtype=bool)
+    return AxisRecord("made", 0.0, 2.0 * DT, target[:, None], answer, target[:, None], everywhere, (0.1, 20.0), "")
+
+
+@pytest.mark.filterwarnings("ignore:Badly conditioned")
+def test_how_late_a_loop_follows_is_told_where_its_damping_lead_and_delay_are_not() -> None:
+    """A loop with a lead is fitted by one without, whose delay, less by the lead, was 10 sigma off."""
+    axis = replace(AXES["roll"], unit="rad/rad", attitude="")
+    scores: dict[str, list[float]] = {"effective_delay": [], "delay": []}
+    for seed in range(24):
+        rng = np.random.default_rng(1000 + seed)
+        frequency, damping, late = rng.uniform(5.0, 18.0), rng.uniform(0.5, 1.0), rng.uniform(0.01, 0.06)
+        lead = rng.uniform(0.02, 0.08) if seed % 2 else 0.0
+        fitted = fit(response_of_records([following(seed, frequency, damping, lead, late)], axis))
+        truth = {"delay": late, "effective_delay": late + 2.0 * damping / frequency - lead}
+        for name, known in scores.items():
+            stated = fitted.parameters[name]
+            if stated.value is not None and stated.sigma:
+                known.append((stated.value - truth[name]) / stated.sigma)
+    assert len(scores["effective_delay"]) == 24
+    assert 0.5 < np.sqrt(np.mean(np.square(scores["effective_delay"]))) < 1.3
+    assert len(scores["delay"]) < 12
+    assert np.max(np.abs(scores["delay"])) < 4.0
 
 
 def test_a_yaw_that_follows_its_own_heading_has_no_bandwidth():
