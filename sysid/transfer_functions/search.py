@@ -305,8 +305,7 @@ def _better_half(problem: FitProblem, first: Sequence[Descent], deadline: float)
         if time.monotonic() > deadline or descent.point.cost > 4.0 * ranked[0].point.cost:
             break
         if not descent.converged:
-            point = descent.point
-            descent = descend(problem, point.theta, SCOUT_STEPS - FIRST_STEPS, deadline, point.delays)
+            descent = descend(problem, descent.point, SCOUT_STEPS - FIRST_STEPS, deadline)
             steps += descent.iterations
         if descent.point.cost < best.point.cost:
             best = descent

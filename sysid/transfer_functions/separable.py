@@ -10,7 +10,7 @@ that the cost of a step grows with the number of samples only in the response ke
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,23 +82,28 @@ def solve(problem: FitProblem, theta: Floats, delays: Floats | None = None) -> P
     """Solve for the linear parameters at given poles and delays, by default those of the problem."""
     basis = basis_at(problem, theta, problem.start_delays if delays is None else delays)
     parts = tuple(eliminate(problem, basis, u, y) for u, y in zip(problem.inputs, problem.outputs, strict=True))
-    point = solve_again(problem, basis, sum_of([part.information for part in parts]), parts)
-    for part in parts:
-        part.finish(point.numerators)
-    return point
+    return _solved(problem, basis, sum_of([part.information for part in parts]), parts)
 
 
-def solve_again(problem: FitProblem, basis: Basis, information: Floats, parts: tuple[Part, ...] = ()) -> Point:
-    """Solve the reduced equations, perhaps with another ridge than before; parts are left as they are."""
+def with_ridge(problem: FitProblem, point: Point) -> Point:
+    """Solve a problem that differs by its ridge from that of a point, at the same poles: responses stay."""
+    return _solved(problem, point.basis, point.information, tuple(replace(part) for part in point.parts))
+
+
+def _solved(problem: FitProblem, basis: Basis, information: Floats, parts: tuple[Part, ...]) -> Point:
+    """Solve the reduced equations for the numerators, and tell the records' parts."""
     shared = len(information) - 1
     penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
     normal, scale = _normalised(information[:shared, :shared], penalty)
     c = scale * backward(normal, forward(normal, information[:shared, shared] * scale))
     cost = float(information[shared, shared] - information[:shared, shared] @ c)
+    numerators = c.reshape(problem.numerators, len(problem.group))
+    for part in parts:
+        part.finish(numerators)
     return Point(
         basis=basis,
         cost=max(cost, 0.0),
-        numerators=c.reshape(problem.numerators, len(problem.group)),
+        numerators=numerators,
         information=information,
         penalty=penalty,
         parts=parts,
@@ -156,15 +161,15 @@ class Descent:
 
 def descend(
     problem: FitProblem,
-    theta: Floats,
+    start: Floats | Point,
     iterations: int,
     deadline: float = np.inf,
     delays: Floats | None = None,
     settled: float = 0.0,
     hopeless: float = np.inf,
 ) -> Descent:
-    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles."""
-    point = solve(problem, clip(theta, problem.band, problem.lag_orders), delays)
+    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles, from poles or a point solved."""
+    point = start if isinstance(start, Point) else solve(problem, clip(start, problem.band, problem.lag_orders), delays)
     if problem.lags == 0 and not problem.delay_parameters:
         return Descent(point, 0, True)
     damping, growth, small = 1e-1, 2.0, 0

@@ -15,7 +15,7 @@ from sysid.statistics.covariance import coloured_information, residual_colour
 from sysid.transfer_functions.problem import FitProblem
 from sysid.transfer_functions.reduction import basis_at, eliminate, own_eliminated, sum_of
 from sysid.transfer_functions.response import INITIAL_SECONDS
-from sysid.transfer_functions.separable import Point, descend, reduced_information, sensitivities, solve, solve_again
+from sysid.transfer_functions.separable import Point, descend, reduced_information, sensitivities, with_ridge
 
 
 def parameter_covariance(problem: FitProblem, point: Point) -> Floats:
@@ -115,34 +115,32 @@ def choose_ridge(division: Division, theta: Floats, delays: Floats, deadline: fl
         # Too little data to hold any back.
         return Choice(1e-2, theta, delays, 0)
     best, least = Choice(RIDGES[0], theta, delays, 0), np.inf
-    place, steps, most = 0, 0, 6
+    place, steps = 0, 0
+    descent = descend(replace(division.seen, ridge=RIDGES[0]), theta, 6, deadline, delays)
     while True:
-        ridge = RIDGES[place]
-        descent = descend(replace(division.seen, ridge=ridge), theta, most, deadline, delays)
-        theta, delays, steps = descent.point.theta, descent.point.delays, steps + descent.iterations
-        errors = _errors(division, theta, delays)
+        point, steps = descent.point, steps + descent.iterations
+        errors = _errors(division, point)
         # Ties go to the weaker candidate: regularisation that does not improve must not bias.
         if errors[place] < (1.0 - 1e-3) * least:
-            best, least = Choice(ridge, theta, delays, steps), errors[place]
+            best, least = Choice(RIDGES[place], point.theta, point.delays, steps), errors[place]
         foreseen = int(np.argmin(errors))
         if foreseen <= place or time.monotonic() > deadline:
             return replace(best, steps=steps)
         # One after the other, for poles move with the candidate; but not through many that are far from any good.
         place = foreseen if foreseen > place + 3 else place + 1
-        most = 4
+        problem = replace(division.seen, ridge=RIDGES[place])
+        descent = descend(problem, with_ridge(problem, point), 4, deadline)
 
 
-def _errors(division: Division, theta: Floats, delays: Floats) -> list[float]:
-    """Return for each candidate at these poles squared residual plus price of the unseen division's initial states."""
+def _errors(division: Division, point: Point) -> list[float]:
+    """Return for each candidate at a point squared residual plus price of the unseen division's initial states."""
     assert division.held_back is not None
     seen = division.seen
     held = replace(division.held_back, initial=seen.initial, group=seen.group, orders=seen.orders)
-    point = solve(seen, theta, delays)
-    basis = basis_at(held, theta, held.start_delays if delays is None else delays)
+    basis = basis_at(held, point.theta, point.delays)
     judged = sum_of([eliminate(held, basis, u, y).information for u, y in zip(held.inputs, held.outputs, strict=True)])
-    errors = []
+    errors, shared = [], replace(point, parts=())  # what records have of their own is not asked for
     for ridge in RIDGES:
-        numerators = solve_again(replace(seen, ridge=ridge), point.basis, point.information).numerators
-        error = np.append(numerators.ravel(), -1.0)
+        error = np.append(with_ridge(replace(seen, ridge=ridge), shared).numerators.ravel(), -1.0)
         errors.append(float(error @ judged @ error))
     return errors
