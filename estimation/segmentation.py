@@ -18,6 +18,7 @@ from estimation.states import SensorNoise
 from estimation.timing import ACCEL, GYRO, LONGEST_HOLE, InertialSignal, sample_rate, segments, usable
 from estimation.tuning import WINDOW
 from logparse import Geodetic, Tables
+from logparse.tables import between
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +99,7 @@ def cover(pieces: Sequence[Piece]) -> list[list[Piece]]:
         first, last = longest.index[0], longest.index[-1]
         spans.append(
             [
-                (number, samples.loc[first:last])
+                (number, between(samples, first, last))
                 for number, samples in left
                 if samples.index[0] <= first + LONGEST_HOLE and samples.index[-1] >= last - LONGEST_HOLE
             ]

@@ -9,6 +9,7 @@ import pandas as pd
 
 from core.summary import Summarised, listed
 from logparse import Finding, Geodetic
+from logparse.tables import between
 
 #: Columns that every trajectory has in `Trajectory.states`, with unit and meaning. Bias columns follow where estimated.
 STATE_COLUMNS: Mapping[str, str] = {
@@ -76,7 +77,7 @@ class Trajectory(Summarised):
         start, stop : float
             s on the log's clock.
         """
-        sigma = self.sigma.loc[start:stop]
+        sigma = between(self.sigma, start, stop)
         largest = float((sigma["p_n"] ** 2 + sigma["p_e"] ** 2).max() ** 0.5)
         if largest <= POSITION_KNOWN:
             return ""

@@ -15,6 +15,7 @@ import numpy as np
 
 from core.parameter import Parameter
 from logparse import FlightLog, Vehicle
+from logparse.tables import between
 from sysid.autopilot.values import AutopilotValue, ParameterFile, decided, refused
 from sysid.loops.parameter_file import typed
 from sysid.records.experiment import Experiment, Floats
@@ -208,7 +209,7 @@ def hover_throttle(log: FlightLog, record: Experiment) -> Floats:
     given, context = log.tables.column("setpoints", "throttle"), record.context
     if given is None or context is None:
         return np.zeros(0)
-    throttle = given.loc[record.t[0] : record.t[-1]].dropna()
+    throttle = between(given, float(record.t[0]), float(record.t[-1])).dropna()
     t = throttle.index.to_numpy(np.float64)
     climb, roll, pitch = (np.interp(t, record.t, context[name]) for name in ("v_d", "roll", "pitch"))
     still = (np.abs(climb) < _STILL) & (np.hypot(roll, pitch) < _UPRIGHT)

@@ -12,6 +12,7 @@ import pandas as pd
 
 from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
+from logparse.tables import between
 from sysid.frequency.axes import axis_of
 from sysid.frequency.excitation import find_chirps, mixer_chirps, ordinary_runs
 from sysid.frequency.limits import share_at_limits
@@ -220,7 +221,7 @@ def limited_chirp(log: FlightLog, axis: str) -> str | None:
     frame, chirps = pid_rows(log, axis, ()), mixer_chirps(log, axis)
     if frame is None or not chirps:
         return None
-    inside = pd.concat([frame.loc[chirp.start : chirp.stop] for chirp in chirps])
+    inside = pd.concat([between(frame, chirp.start, chirp.stop) for chirp in chirps])
     if len(inside) < 16:
         return f"{log.path.name} has no PID{axis_of(axis).letter} messages during the chirp on the {axis} axis"
     # Bits of the flags: mixer at its limit, P and D limited.

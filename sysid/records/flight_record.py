@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
+from logparse.tables import between
 from sysid.records import MIN_SAMPLES, Floats
 from sysid.records.context import has_pressure, resample_frame, shared_context
 from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
@@ -236,7 +237,7 @@ def _to_heading(north_east: Floats, yaw: Floats) -> Floats:
 def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.DataFrame, list[Finding]]:
     """Leave out motors without values in the flight; other sets need all of theirs."""
     signals = source.signals
-    inside = signals.loc[start:stop]
+    inside = between(signals, start, stop)
     known = inside.notna().to_numpy()
     needed = max(2, 0.5 * int(known.any(axis=1).sum()))
     empty = [column for k, column in enumerate(signals.columns) if known[:, k].sum() < needed]

@@ -20,6 +20,7 @@ import pandas as pd
 
 from core.cubic_spline import cubic_spline
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
+from logparse.tables import between
 from sysid.records import Floats
 from sysid.records.motor_scaling import curve, motor_commands
 
@@ -152,7 +153,7 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
         return []
     motors = tables.motors.loc[start:stop, names].dropna()
     t = motors.index.to_numpy(np.float64)
-    outputs = np.column_stack([sampled_at(t, column.loc[start - 1.0 : stop + 1.0].dropna()) for column in asked])
+    outputs = np.column_stack([sampled_at(t, between(column, start - 1.0, stop + 1.0).dropna()) for column in asked])
     command = motor_commands(motors.to_numpy(np.float64), vehicle)
     inside = np.all((command > MARGIN) & (command < 1.0 - MARGIN), axis=1)
     inside &= np.isfinite(outputs).all(axis=1) & (outputs[:, 0] > MARGIN) & (np.abs(outputs) < 1.0).all(axis=1)

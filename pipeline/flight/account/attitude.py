@@ -10,6 +10,7 @@ import pandas as pd
 
 from core.catalogue import finding
 from core.findings import Finding
+from logparse.tables import between
 from pipeline.flight.account.readings import BLIND, Readings, stretches
 from pipeline.flight.account.vibration import Floats
 
@@ -122,7 +123,7 @@ def _rate(readings: Readings, axis: str) -> tuple[Floats, Floats] | None:
         frame = next(readings.tables.columns(table, (column,)), None)
         if frame is None:
             continue
-        inside = frame.loc[readings.flight.start + 1.0 : readings.flight.stop - 0.5].dropna()
+        inside = between(frame, readings.flight.start + 1.0, readings.flight.stop - 0.5).dropna()
         t = inside.index.to_numpy(np.float64)
         if len(t) > 10 and 1.0 / float(np.median(np.diff(t))) >= _SLOWEST:
             return np.asarray(t), np.asarray(inside.to_numpy(np.float64))

@@ -10,6 +10,7 @@ import numpy as np
 from core.catalogue import finding
 from core.findings import Finding
 from core.units import STANDARD_GRAVITY
+from logparse.tables import between
 from pipeline.flight.account.power import SINKING
 from pipeline.flight.account.readings import SHAKE, Readings, at, stretches
 from pipeline.results.span import Span
@@ -42,7 +43,7 @@ def contact(readings: Readings) -> Contact | None:
     around = (
         None
         if readings.force is None
-        else readings.force.loc[max(stop - _AROUND, readings.flight.start + SHAKE) : readings.flight.stop + _AROUND]
+        else between(readings.force, max(stop - _AROUND, readings.flight.start + SHAKE), readings.flight.stop + _AROUND)
     )
     t, force = readings.flight.stop, np.nan
     if around is not None and len(around) > 2:
@@ -97,9 +98,9 @@ def _rest(readings: Readings, after: Span) -> float:
     By its attitude and by its weight, whichever is less: an estimate runs away (7-9-2014_24), and who carries the craft
     accelerates it.
     """
-    leans = [] if readings.lean is None else [float(readings.lean.loc[after.start + 0.5 : after.stop].median())]
+    leans = [] if readings.lean is None else [float(between(readings.lean, after.start + 0.5, after.stop).median())]
     axes = readings.specific_force
-    if axes is not None and len(rest := axes.loc[after.start + 1.0 : after.stop].to_numpy(np.float64)) > 2:
+    if axes is not None and len(rest := between(axes, after.start + 1.0, after.stop).to_numpy(np.float64)) > 2:
         x, y, z = np.median(rest, axis=0)
         leans.append(float(np.arctan2(np.hypot(x, y), -z)))
     return min((lean for lean in leans if np.isfinite(lean)), default=np.nan)

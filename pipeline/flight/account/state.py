@@ -10,6 +10,7 @@ import pandas as pd
 
 from core.units import EARTH_RADIUS
 from logparse.heights import ground_level, smoothed
+from logparse.tables import between
 from pipeline.flight.account.power import real_voltage
 from pipeline.flight.account.readings import ACCELERATION, AT_LIMIT, SATELLITES, Readings
 from pipeline.flight.account.vibration import Floats
@@ -184,7 +185,7 @@ def hover(readings: Readings) -> HoverReading | None:
     throttle, sink, lean = readings.throttle, readings.sink, readings.lean
     if throttle is None or sink is None:
         return None
-    inside = throttle.loc[readings.flight.start + 1.0 : readings.flight.stop - 1.0]
+    inside = between(throttle, readings.flight.start + 1.0, readings.flight.stop - 1.0)
     t = inside.index.to_numpy(np.float64)
     if len(t) < 10:
         return None

@@ -28,6 +28,7 @@ import numpy as np
 import scipy
 
 from logparse import Tables, Vehicle
+from logparse.tables import between
 from sysid.records.motor_scaling import commands_for, motor_pwm
 from sysid.rotors.motor_faults.moments import (
     ALIKE,
@@ -312,7 +313,7 @@ def find_motor_faults(tables: Tables, vehicle: Vehicle, start: float, stop: floa
 def _suddenly(fault: MotorFault, tables: Tables, vehicle: Vehicle, step: float) -> float:
     """Return when the craft began to turn towards a motor that failed at once, as the gyro's times tell it, s."""
     assert tables.imu is not None
-    rates = tables.imu.loc[fault.t - step : fault.t + step, ["gyro_x", "gyro_y"]].dropna()
+    rates = between(tables.imu, fault.t - step, fault.t + step)[["gyro_x", "gyro_y"]].dropna()
     motor = next(motor for motor in vehicle.motors if motor.number == fault.motor)
     t, towards = rates.index.to_numpy(np.float64), -(rates.to_numpy(np.float64) @ (motor.roll, motor.pitch))
     if len(t) < 4:
@@ -327,7 +328,7 @@ def _end(tables: Tables, stop: float) -> float:
     if tables.motors is None or tables.imu is None or len(tables.motors) < 2:
         return stop
     outputs = tables.motors.index.to_numpy(np.float64)
-    last = tables.imu.loc[stop - LAST : stop + _CUT, ["accel_x", "accel_y", "accel_z"]]
+    last = between(tables.imu, stop - LAST, stop + _CUT)[["accel_x", "accel_y", "accel_z"]]
     blows = last.index[np.linalg.norm(last.to_numpy(np.float64), axis=1) > 30.0]
     if len(blows):
         # No output whose interval the blow is in.

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from logparse import MissingDataError, Tables, Vehicle
+from logparse.tables import between
 from sysid.records.experiment import Floats
 from sysid.records.mixer import factors_of
 from sysid.records.motor_scaling import curve, motor_commands
@@ -75,7 +76,7 @@ class Moments:
 def too_slow(tables: Tables, start: float, stop: float) -> bool:
     """Return whether motor outputs or the IMU come too seldom between start and stop [s] to tell a motor that fails."""
     for table, slowest in ((tables.motors, _SLOWEST), (tables.imu, _SLOWEST_RATES)):
-        t = np.empty(0) if table is None else table.loc[start:stop].index.to_numpy(np.float64)
+        t = np.empty(0) if table is None else between(table, start, stop).index.to_numpy(np.float64)
         if len(t) > 1 and len(t) < slowest * (t[-1] - t[0]):
             return True
     return False
@@ -98,7 +99,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     if len(outputs) > FEWEST:
         outputs = outputs.iloc[:: max(round(1.0 / (_FASTEST * np.median(np.diff(outputs.index)))), 1)]
     # One column at a time: a copy of a long log's IMU is half as large as the log.
-    imu = tables.imu.loc[start : stop + 0.5]
+    imu = between(tables.imu, start, stop + 0.5)
     motion = [imu[name].to_numpy(np.float64) for name in ("gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y")]
     t, at = outputs.index.to_numpy(np.float64), imu.index.to_numpy(np.float64)
     # Rates [rad/s] and specific forces [m/s^2] beyond this were never measured: damage.

@@ -19,6 +19,7 @@ import pandas as pd
 import scipy
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
+from logparse.tables import between
 from sysid.records import Floats
 from sysid.records.mixer import INDEPENDENT, MARGIN, expectation, factors_of, sampled_at
 from sysid.records.motor_scaling import curve, motor_commands
@@ -74,7 +75,7 @@ def _asked(tables: Tables, start: float, stop: float) -> pd.DataFrame:
         known = dict(zip(("thrust", "roll", "pitch", "yaw"), columns, strict=True))
         known = {name: column for name, column in known.items() if column.notna().sum() > 1}
         if {"roll", "pitch", "yaw"} <= set(known):
-            rows = pd.DataFrame(known).loc[start - 1.0 : stop + 1.0]
+            rows = between(pd.DataFrame(known), start - 1.0, stop + 1.0)
             # Beyond the outputs of any firmware's scale are flipped bits.
             sound: pd.DataFrame = rows[(np.abs(rows.to_numpy()) <= 1e5).all(axis=1)]
             return sound
