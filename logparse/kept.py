@@ -15,13 +15,13 @@ Result = TypeVar("Result")
 class Kept:
     """Frames of a log of so many messages. Where there is no room for one more, the largest others are let go.
 
-    They are made again when they are asked for again.
+    They are made again when they are asked for again: then as much room is made before, as they took.
     """
 
     def __init__(self, messages: int = 0):
         self._room = max(_ALWAYS, _OF_EACH * messages)
         self._frames: dict[Hashable, Any] = {}
-        self._sizes: dict[Hashable, int] = {}
+        self._sizes: dict[Hashable, int] = {}  # Of these, and of those that were let go.
         self._results: dict[Hashable, Any] = {}
 
     def __contains__(self, key: Hashable) -> bool:
@@ -36,15 +36,11 @@ class Kept:
     def get(self, key: Hashable, make: Callable[[], Frames]) -> Frames:
         """Return the frames of a key, made where they are not kept."""
         if key not in self._frames:
+            self._make_room(self._sizes.get(key, 0))
             made = make()
-            size = _bytes(made)
-            room = self._room - size - sum(self._sizes.values())
-            for other in sorted(self._sizes, key=lambda other: -self._sizes[other]):
-                if room >= 0:
-                    break
-                room += self._sizes.pop(other)
-                del self._frames[other]
-            self._frames[key], self._sizes[key] = made, size
+            self._sizes[key] = _bytes(made)
+            self._make_room(self._sizes[key])
+            self._frames[key] = made
         frames: Frames = self._frames[key]
         return frames
 
@@ -54,6 +50,14 @@ class Kept:
             self._results[key] = make()
         found: Result = self._results[key]
         return found
+
+    def _make_room(self, size: int) -> None:
+        room = self._room - size - sum(self._sizes[key] for key in self._frames)
+        for other in sorted(self._frames, key=lambda key: -self._sizes[key]):
+            if room >= 0:
+                return
+            room += self._sizes[other]
+            del self._frames[other]
 
 
 def _bytes(frames: pd.DataFrame | tuple[Any, ...] | None) -> int:

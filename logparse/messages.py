@@ -127,6 +127,8 @@ class IntactMessages(MessageView):
 
     def part(self, name: str, fields: Collection[str]) -> pd.DataFrame:
         """Return a message with no more than some fields where that spares memory."""
+        if ("intact", name) in self._kept:
+            return self[name]
         wanted = frozenset(fields)
         make = lambda: self._intact(name, self._messages.once(name, wanted), wanted)  # noqa: E731
         return self._kept.get(("intact", name, wanted), make)

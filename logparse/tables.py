@@ -174,6 +174,8 @@ Built = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 Recipe = Callable[[], Built]
 #: How wanted columns are built one by one.
 Columns = Callable[[Collection[str]], Iterator["pd.Series[float]"]]
+#: How the times of rows are had, s; None where there are none.
+Times = Callable[[], npt.NDArray[np.float64] | None]
 
 
 class Tables(Summarised):
@@ -195,6 +197,8 @@ class Tables(Summarised):
         How to build tables that are not given.
     columns : mapping, optional
         How to build those of which columns can be had one by one.
+    times : mapping, optional
+        How to tell the times of rows without a column.
     kept : Kept, optional
         Where built tables are kept as long as there is room.
     **tables : DataFrame or None
@@ -225,6 +229,7 @@ class Tables(Summarised):
         origin: Geodetic | Callable[[], Geodetic | None] | None = None,
         recipes: Mapping[str, Recipe] = MappingProxyType({}),
         columns: Mapping[str, Columns] = MappingProxyType({}),
+        times: Mapping[str, Times] = MappingProxyType({}),
         kept: Kept | None = None,
         **tables: pd.DataFrame | None,
     ):
@@ -232,7 +237,7 @@ class Tables(Summarised):
             raise TypeError(f"there are no tables {listed(sorted(unknown))}")
         self.parameters: Mapping[str, float] = parameters or {}
         self._given, self._given_further, self._origin = tables, further, origin
-        self._recipes, self._columns, self._kept = recipes, columns, kept or Kept()
+        self._recipes, self._columns, self._times, self._kept = recipes, columns, times, kept or Kept()
 
     def __getattr__(self, name: str) -> pd.DataFrame | None:
         if name not in COLUMNS:
@@ -273,7 +278,7 @@ class Tables(Summarised):
             As `Tables` takes them.
         """
         same = {"further": self._given_further, "parameters": self.parameters, "origin": self._origin, **self._given}
-        built = {"recipes": self._recipes, "columns": self._columns, "kept": self._kept}
+        built = {"recipes": self._recipes, "columns": self._columns, "times": self._times, "kept": self._kept}
         return Tables(**(built | same | changes))
 
     def __reduce__(self) -> tuple[Callable[..., "Tables"], tuple[Mapping[str, object]]]:
@@ -322,6 +327,8 @@ class Tables(Summarised):
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
         """Return the times of a table's rows, s; None without the table."""
+        if name in self._times and name not in self._given and name not in self._kept:
+            return self._times[name]()
         table = self.column(name, next(iter(COLUMNS[name]))) if name in self._columns else getattr(self, name)
         return None if table is None else table.index.to_numpy(np.float64)
 

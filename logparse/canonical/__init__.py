@@ -15,7 +15,7 @@ from logparse.canonical.remarks import Remarks
 from logparse.craft.frames import Vehicle
 from logparse.flights import wing_borne, wing_borne_px4
 from logparse.kept import Kept
-from logparse.tables import Built, Columns, Geodetic, Tables
+from logparse.tables import Built, Columns, Geodetic, Tables, Times
 
 __all__ = ["gather_tables"]
 
@@ -52,11 +52,12 @@ class _Builder:
         self._remarks: dict[str, Remarks] = {}
         dataflash = kind is Kind.DATAFLASH
         columns: dict[str, Columns] = {}
+        times: dict[str, Times] = {}
         if dataflash:
             columns["setpoints"] = partial(control.setpoint_columns, messages, vehicle)
             columns["systemid"] = partial(control.chirp_columns, messages)
         if dataflash and "RATE" in messages:
-            columns["rates"] = self._rate_columns
+            columns["rates"], times["rates"] = self._rate_columns, partial(control.rate_times, messages)
         self._recipes: dict[str, Callable[[Remarks], Built | pd.DataFrame | None]] = {
             "imu": lambda remarks: sensors.imu(messages, kind, remarks),
             "gps": lambda remarks: sensors.gps(messages, kind, parameters, vehicle, remarks),
@@ -79,6 +80,7 @@ class _Builder:
             recipes={name: partial(self._build, name) for name in self._recipes}
             | ({name: partial(_bursts, messages, name) for name in BURSTS} if dataflash else {}),
             columns=columns,
+            times=times,
             kept=kept,
             parameters=parameters,
             origin=self._origin,

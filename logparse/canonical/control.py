@@ -385,6 +385,12 @@ def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Se
     return columns_of(frame.index, ((name, value(frame, _RATE[name])) for name in wanted))
 
 
+def rate_times(messages: Messages) -> Array | None:
+    """Return the times of the rows of RATE [s], read without their values."""
+    t: Array = messages.part("RATE", ()).index.to_numpy(np.float64)
+    return t if len(t) else None
+
+
 def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:
     """Put together the rate controller from its three PID messages (since 4.0, in rad/s)."""
     parts = []

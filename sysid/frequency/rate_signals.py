@@ -65,8 +65,7 @@ class RateSignals:
         """
         rows = self.within(start, stop)
         t, values, usable = on_uniform_clock(self.t[rows], [self.columns[name][rows] for name in names])
-        values = np.column_stack([values, *(at(t) for at in further)])
-        return t, values.astype(self.columns[names[0]].dtype, copy=False), usable
+        return t, np.column_stack([values, *(at(t).astype(values.dtype) for at in further)]), usable
 
 
 def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:

@@ -113,19 +113,18 @@ class AxisRecord:
         return np.asarray(1j * np.sin(2.0 * np.pi * hz * self.dt) / self.dt)
 
 
-def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Logged, NDArray[np.bool_]]:
     """Bring samples that are nearly even in time onto an even clock, rows in which all of them are numbers.
 
     By cubic splines, which all pass through alike and which therefore cancel in their ratio.
 
-    Returns `clock` (N,), from the first row with the usual step between them; `values` (N, len(columns)); `usable`
-    (N,): false in holes, which are bridged by straight lines.
+    Returns `clock` (N,), from the first row with the usual step between them; `values` (N, len(columns)), in the
+    precision of the columns; `usable` (N,): false in holes, which are bridged by straight lines.
     """
-    values = np.column_stack(columns).astype(np.float64, copy=False)
     known = np.logical_and.reduce([np.isfinite(column) for column in columns])
     known[1:] &= t[1:] > np.maximum.accumulate(t[:-1])  # damage repeats times
-    if not known.all():
-        t, values = t[known], values[known]
+    rows = slice(None) if known.all() else known
+    t = t[rows]
     if len(t) < MIN_SAMPLES:
         raise FrequencyError(f"only {len(t)} of {len(columns[0])} samples are numbers: fly and log it again")
     step, span = float(np.median(np.diff(t))), float(t[-1] - t[0])
@@ -135,11 +134,15 @@ def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Floa
     clock = t[0] + step * np.arange(int(span / step + 1e-6) + 1)
     hole = np.diff(t) > _HOLE * step
     usable = ~hole[np.clip(np.searchsorted(t, clock), 1, len(t) - 1) - 1]
-    if usable.all():
-        return clock, cubic_spline(t, values, clock), usable
-    bridged_t = np.union1d(t, clock[~usable])
-    bridged, between = (np.column_stack([np.interp(at, t, column) for column in values.T]) for at in (bridged_t, clock))
-    return clock, np.where(usable[:, None], cubic_spline(bridged_t, bridged, clock), between), usable
+    bridged = t if usable.all() else np.union1d(t, clock[~usable])
+    values = np.empty((len(clock), len(columns)), np.result_type(*columns))
+    # One after the other: all in double precision are several times a long log.
+    for k, column in enumerate(columns):
+        known_values = column[rows].astype(np.float64, copy=False)
+        through = known_values if bridged is t else np.interp(bridged, t, known_values)
+        values[:, k] = cubic_spline(bridged, through[:, None], clock)[:, 0]
+        values[~usable, k] = np.interp(clock[~usable], t, known_values)
+    return clock, values, usable
 
 
 def lost_one_by_one(t: Floats, step: float) -> float:

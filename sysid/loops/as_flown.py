@@ -317,7 +317,8 @@ def _aligned(chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | 
     added = chirp.spline()
     if added is None or not all(np.isfinite(column).sum() > FEWEST_ROWS for column in columns.values()):
         return None
-    clock, values, _ = on_uniform_clock(t, [added(t), *columns.values()])
+    clock, logged, _ = on_uniform_clock(t, [added(t), *columns.values()])
+    values = logged.astype(np.float64, copy=False)
     signals = dict(zip(columns, values[:, 1:].T, strict=True))
     return _Signals(values[:, 0], signals, float(clock[1] - clock[0]))
 

@@ -35,6 +35,7 @@ import pandas as pd
 import pymap3d
 
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
+from logparse.tables import framed
 from sysid.records import Floats
 from sysid.records.context import angles_of
 from sysid.records.mixer import project, voltage_at
@@ -171,12 +172,11 @@ def yaw_of(states: pd.DataFrame) -> Floats:
 
 
 def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
-    names = ["p_n", "p_e", "p_d"]
-    targets = tables.part("setpoints", names)
+    names, states = ["p_n", "p_e", "p_d"], trajectory.states
+    targets = framed(_no_finer(column, states) for column in tables.columns("setpoints", names))
     if targets is None or len(targets := targets.dropna()) < 2:
         raise MissingDataError(_no_reference(tables, "position", "PSCN, PSCE and PSCD"))
     t = targets.index.to_numpy(np.float64)
-    states = trajectory.states
     position = np.column_stack(
         [np.interp(t, states.index.to_numpy(np.float64), states[name].to_numpy(np.float64)) for name in names]
     )
@@ -207,6 +207,12 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
         steps=steps,
         findings=tuple(findings),
     )
+
+
+def _no_finer(column: pd.Series[float], states: pd.DataFrame) -> pd.Series[float]:
+    """Keep rows of a target about as far apart as those of the trajectory: the table has them at its fastest rate."""
+    ours, theirs = (float(np.median(np.diff(table.index))) for table in (column, states))
+    return column.iloc[:: max(round(theirs / ours), 1)]
 
 
 def _velocity_reference(tables: Tables) -> Inputs:
