@@ -6,7 +6,7 @@ from pathlib import Path
 
 import httpx
 import pytest
-from playwright.sync_api import Browser, Page, Route, expect
+from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
 
 from api import Settings
 from api.settings import Access
@@ -21,9 +21,14 @@ from tests.paths import SAMPLES
 expect.set_options(timeout=PATIENCE * 1000.0)  # only what never comes may meet it, on a busy computer too
 
 
+@pytest.fixture(scope="module")
+def visitor(browser: Browser, service: httpx.Client) -> BrowserContext:
+    return browser.new_context(base_url=str(service.base_url))
+
+
 @pytest.fixture
-def page(browser: Browser, service: httpx.Client) -> Iterator[Page]:
-    with watched(browser, service) as page:
+def page(visitor: BrowserContext, service: httpx.Client) -> Iterator[Page]:
+    with watched(visitor, service) as page:
         yield page
 
 
@@ -246,31 +251,31 @@ def test_the_keyboard_is_enough(page: Page) -> None:
     page.wait_for_url("**/analyses")
 
 
-def test_no_page_scrolls_sideways_on_a_phone(browser: Browser, service: httpx.Client) -> None:
-    with watched(browser, service, viewport=PHONE) as page:
-        choose(page, ("a_rather_long_name_of_a_flight_" * 5 + ".bin", b"good, but long"), ("short.bin", b"good, short"))
-        page.get_by_role("button", name="Analyse together").wait_for()
+def test_no_page_scrolls_sideways_on_a_phone(page: Page) -> None:
+    page.set_viewport_size(PHONE)
+    choose(page, ("a_rather_long_name_of_a_flight_" * 5 + ".bin", b"good, but long"), ("short.bin", b"good, short"))
+    page.get_by_role("button", name="Analyse together").wait_for()
+    assert_fits(page)
+    page.get_by_role("button", name="Analyse together").click()
+    page.locator("iframe").wait_for()
+    for menu in ("Flights", "Downloads", "Share", "Delete"):
+        page.get_by_text(menu, exact=True).click()
         assert_fits(page)
-        page.get_by_role("button", name="Analyse together").click()
-        page.locator("iframe").wait_for()
-        for menu in ("Flights", "Downloads", "Share", "Delete"):
-            page.get_by_text(menu, exact=True).click()
-            assert_fits(page)
-        page.get_by_role("link", name="Analyse again").click()
-        page.wait_for_url("**/again")
+    page.get_by_role("link", name="Analyse again").click()
+    page.wait_for_url("**/again")
+    assert_fits(page)
+    for address in ("/", "/analyses", "/nothing"):
+        page.goto(address)
         assert_fits(page)
-        for address in ("/", "/analyses", "/nothing"):
-            page.goto(address)
-            assert_fits(page)
-            assert_accessible(page)
+        assert_accessible(page)
 
 
-def test_the_pages_are_dark_where_the_visitor_wants_it(browser: Browser, service: httpx.Client) -> None:
+def test_the_pages_are_dark_where_the_visitor_wants_it(page: Page) -> None:
+    page.goto("/analyses")
     for scheme, expected in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(21, 24, 28)")):
-        with watched(browser, service, color_scheme=scheme) as page:
-            page.goto("/analyses")
-            assert page.evaluate("getComputedStyle(document.body).backgroundColor") == expected
-            assert_accessible(page)  # the contrast of every text among it
+        page.emulate_media(color_scheme=scheme)
+        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == expected
+        assert_accessible(page)  # the contrast of every text among it
 
 
 def test_the_reference_is_drawn_without_anything_from_elsewhere(page: Page) -> None:

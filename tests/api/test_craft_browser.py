@@ -37,8 +37,9 @@ def test_a_craft_is_named_noted_and_read_by_everybody(browser: Browser, tmp_path
             page.get_by_role("button", name="Note it").click()
             expect(page.get_by_role("listitem").filter(has_text="new propellers")).to_contain_text(MARKUP)
             assert page.locator("main b, main img, main script").count() == 0
-        for scheme, viewport in (("light", {"width": 1280, "height": 800}), ("dark", PHONE)):
-            with watched(browser, client, color_scheme=scheme, viewport=viewport) as page:
+            for scheme, viewport in (("light", {"width": 1280, "height": 800}), ("dark", PHONE)):
+                page.emulate_media(color_scheme=scheme)
+                page.set_viewport_size(viewport)
                 page.goto(craft["links"]["page"])
                 assert_accessible(page)
                 # The table of flights scrolls by itself; the page does not.

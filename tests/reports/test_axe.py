@@ -59,6 +59,11 @@ def _over_flights(file):
     return file
 
 
+@pytest.fixture(scope="module")
+def page(browser):
+    return browser.new_page()
+
+
 NAMES = ("flight", "folder", "craft", "craft over flights", "folder without a craft", "nothing")
 
 
@@ -67,11 +72,11 @@ NAMES = ("flight", "folder", "craft", "craft over flights", "folder without a cr
     # All pages are of one style sheet: one of them shows it bright as well.
     [*((name, "dark", 390) for name in NAMES), ("flight", "light", 1280)],
 )
-def test_nothing_serious_is_found(pages, browser, name, scheme, width):
+def test_nothing_serious_is_found(pages, page, name, scheme, width):
     serious = pytest.importorskip("tests.axe").serious
-    page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+    page.emulate_media(color_scheme=scheme)
+    page.set_viewport_size({"width": width, "height": 800})
     page.goto(pages[name].as_uri())
     page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     assert serious(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    page.close()

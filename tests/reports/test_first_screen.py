@@ -386,19 +386,17 @@ def test_the_terminal_shows_the_same_lines(kinds):
 
 
 def test_a_phone_need_not_scroll_sideways(kinds, tmp_path, browser):
-    for width, height in ((390, 844), (1440, 900)):
-        page = browser.new_page(viewport={"width": width, "height": height})
-        faults: list[str] = []
-        page.on("pageerror", lambda error, faults=faults: faults.append(str(error)))
-        for name in ("lost motor", "no flight"):
-            path = tmp_path / "page.html"
-            path.write_text(page_of(kinds[name]), encoding="utf-8")
+    page, path, faults = browser.new_page(), tmp_path / "page.html", []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    for name in ("lost motor", "no flight"):
+        path.write_text(page_of(kinds[name]), encoding="utf-8")
+        for width, height in ((390, 844), (1440, 900)):
+            page.set_viewport_size({"width": width, "height": height})
             page.goto(path.as_uri())
             assert page.evaluate("document.documentElement.scrollWidth") <= width
             if width == 1440:
                 assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= height
-        assert not faults
-        page.close()
+    assert not faults
 
 
 def test_a_folder_names_the_gravest_of_what_happened(kinds):
