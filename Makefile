@@ -61,7 +61,7 @@ test: tools  ## run all tests in random order, the longest in a short form; SEED
 	@$(BIN)/python -m pytest $(ORDER) --durations=20 $(WHICH)
 
 whole: tools  ## run what `make test` runs in a short form as it is: many flights, all real logs, kills, the tutorial
-	@$(BIN)/python -m pytest $(ORDER) -m whole $$(git grep -l 'mark\.whole' -- tests)
+	@$(BIN)/python -m pytest $(ORDER) -m whole $$(git grep -lE 'mark\.whole|tests\.forms import' -- 'tests/*/test_*.py')
 
 lint: $(TOOLS)  ## ruff, mypy --strict and the import direction
 	@$(BIN)/ruff check .

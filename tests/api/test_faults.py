@@ -20,11 +20,12 @@ from tests.api import postgresql
 from tests.api.conftest import unfinished
 from tests.api.programs import Service, descendants, is_analysis, wait_until
 from tests.api.visits import ordered, told
+from tests.forms import thinned
 from tests.paths import ROOT
 from tests.s3_server import s3_server
 
 
-@pytest.fixture(params=["sqlite", pytest.param("postgresql", marks=pytest.mark.whole)])
+@pytest.fixture(params=thinned(["sqlite", "postgresql"], 2))
 def service(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Service]:
     """Run a service on each of the databases."""
     with ExitStack() as stack:

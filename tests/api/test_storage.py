@@ -21,6 +21,7 @@ from rotorid.cli.main import app as command_line
 from tests.api import flights, postgresql
 from tests.api.conftest import served
 from tests.api.visits import fly, only_craft, settled
+from tests.forms import thinned
 from tests.s3_server import s3_server
 
 BUCKET = "s3://rotorid/service"
@@ -134,7 +135,7 @@ def run(data: Path, *arguments: str, **settings: str) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["sqlite", "postgresql"])
+@pytest.mark.parametrize("kind", thinned(["sqlite", "postgresql"], 2))
 def test_everything_comes_back_from_one_file(tmp_path: Path, kind: str) -> None:
     file = tmp_path / "saved.tar"
     with served(data=tmp_path / "old", workers=1, analyze=flights.analyze) as client:

@@ -13,13 +13,13 @@ from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat
 from logparse import read_log
-from tests.forms import short_and_whole
+from tests.forms import short_and_whole, thinned
 from tests.paths import SITL
 
 needs_logs = pytest.mark.skipif(not SITL.is_dir(), reason="needs the shared logs in ../shared/logs/sitl")
 
 
-@pytest.fixture(scope="module", params=short_and_whole(4, 2), ids=["quarter", "half"])
+@pytest.fixture(scope="module", params=short_and_whole(8, 2), ids=["eighth", "half"])
 def judged(sitl, request):
     """RMS errors pooled over one log in so many, by measure: of the smoother, of the plain filter and of EKF3."""
     return pooled(sitl(path.stem) for path in sorted(SITL.glob("*.BIN"))[:: request.param])
@@ -44,7 +44,7 @@ def test_plain_filter_is_no_worse_than_the_autopilots(judged):
 
 @needs_logs
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["octa03_auto_wind5", "octa15_two_flights_logdisarmed", "quad06_auto"])
+@pytest.mark.parametrize("name", thinned(["octa03_auto_wind5", "octa15_two_flights_logdisarmed", "quad06_auto"], 3))
 def test_telemetry_is_near_the_truth_of_the_matching_log(name):
     truth = airborne_truth(read_log(SITL / f"{name}.BIN"))
     trajectory = estimate(read_log(SITL / f"{name}.tlog").tables)

@@ -15,6 +15,7 @@ from pymavlink import DFReader
 
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.format import FIELD_TYPES
+from tests.forms import thinned
 from tests.paths import SHARED
 
 BINARY = sorted(path for path in SHARED.glob("*/*") if path.suffix.lower() == ".bin")
@@ -102,7 +103,7 @@ def compare(path: Path) -> dict[str, pd.DataFrame]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=pytest.mark.whole if k % 4 else ()) for k, path in enumerate(SLOW)],
+    thinned(SLOW, 4),
     ids=lambda path: path.name,
 )
 def test_counts_and_values_are_those_of_pymavlink_in_large_logs(path: Path) -> None:
@@ -111,7 +112,7 @@ def test_counts_and_values_are_those_of_pymavlink_in_large_logs(path: Path) -> N
 
 @pytest.mark.parametrize(
     "path",
-    [pytest.param(path, marks=pytest.mark.whole if k % 2 else ()) for k, path in enumerate(QUICK)],
+    thinned(QUICK, 2),
     ids=lambda path: path.name,
 )
 def test_counts_and_values_are_those_of_pymavlink(path: Path) -> None:

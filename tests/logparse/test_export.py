@@ -14,6 +14,7 @@ from core.errors import RotoridError
 from logparse import COLUMNS, read_log
 from logparse.export import export
 from logparse.tables import Tables
+from tests.forms import thinned
 from tests.paths import SHARED
 from tests.timed import timed
 
@@ -105,7 +106,7 @@ def test_names_that_the_log_does_not_have(log, tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["parquet", "csv", "mat"])
-@pytest.mark.parametrize("name", ["sitl/paper03.BIN", "real/DigitalSarcasm-Quadcopter__nan.log"])
+@pytest.mark.parametrize("name", thinned(["real/DigitalSarcasm-Quadcopter__nan.log", "sitl/paper03.BIN"], 2))
 def test_shared_logs_export_whole(name, kind, tmp_path):
     path = SHARED / name
     if not path.exists():

@@ -12,6 +12,7 @@ import pytest
 from logparse import completeness, read_log
 from logparse.canonical.series import euler_angles, sample, wrap
 from logparse.tables import COLUMNS
+from tests.forms import thinned
 from tests.paths import REAL, SHARED
 
 LOGS = sorted(path for path in SHARED.glob("*/*") if path.suffix.lower() in (".bin", ".log", ".tlog", ".ulg"))
@@ -30,7 +31,7 @@ def log_of(path):
     return read_log(path)
 
 
-@pytest.mark.parametrize("path", LOGS, ids=name_of)
+@pytest.mark.parametrize("path", thinned(LOGS, 2), ids=name_of)
 def test_every_log_gives_well_formed_tables(path):
     log = log_of(path)
     if path.parent == REAL:
@@ -54,7 +55,7 @@ def test_every_log_gives_well_formed_tables(path):
         assert flight.duration >= 2.0
 
 
-@pytest.mark.parametrize("path", LOGS, ids=name_of)
+@pytest.mark.parametrize("path", thinned(LOGS, 2), ids=name_of)
 def test_every_value_is_one_that_the_world_has(path):
     # Wrong units or signs show here at once: a milligauss taken for a gauss, a centivolt for a volt, z up for down.
     log = log_of(path)

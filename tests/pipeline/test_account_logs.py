@@ -12,6 +12,7 @@ from pipeline.flight.account import tell
 from pipeline.results.account import Account
 from pipeline.results.span import Span
 from sysid.rotors.motor_faults import find_motor_faults
+from tests.forms import thinned
 from tests.paths import SHARED
 
 FAULTS, PAIRS = SHARED / "faults", SHARED / "pairs"
@@ -131,7 +132,7 @@ def test_lack_of_thrust_is_a_number_of_the_craft_and_no_event(account_of):
 
 @pytest.mark.parametrize(
     "path",
-    [*sorted((SHARED / "sitl").glob("*.BIN")), *sorted(PAIRS.glob("*_sticks.BIN.xz"))],
+    thinned([*sorted((SHARED / "sitl").glob("*.BIN")), *sorted(PAIRS.glob("*_sticks.BIN.xz"))], 3),
     ids=lambda path: path.name,
 )
 @pytest.mark.slow

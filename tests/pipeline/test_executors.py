@@ -119,7 +119,7 @@ PROGRAM = """
 import sys
 from pathlib import Path
 from pipeline.execution.executors import Processes, as_done
-from tests.pipeline import calls, flown
+from tests.pipeline import calls
 if __name__ == "__main__":
     with Processes(2) as pool:
         for _, future in as_done(pool, calls.stay, [Path(sys.argv[1])] * 5):

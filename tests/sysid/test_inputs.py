@@ -10,6 +10,7 @@ from logparse.craft.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
 from sysid.records.excitation import coherence, examine
+from tests.forms import thinned
 from tests.sysid.flights import made
 from tests.sysid.simulated import motion
 from tests.timed import timed
@@ -224,7 +225,7 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["octa07_loiter_sticks", "y6_01_auto"])
+@pytest.mark.parametrize("name", thinned(["octa07_loiter_sticks", "y6_01_auto"], 2))
 def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name, sitl):
     """RATE has the commands as the firmware computed them; motor outputs, ten times slower and rounded, give them back.
 

@@ -13,6 +13,7 @@ from sysid import Experiment, analyse_bench, fit_rigid_body, physical_parameters
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, law_of
 from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity
+from tests.forms import thinned
 from tests.sysid.craft_flights import flight, without
 
 LOGS = Path("../shared/logs/sitl")
@@ -141,7 +142,8 @@ def test_a_stand_is_a_prior_of_the_rigid_body(tmp_path, record):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "turned"), [("octa07_loiter_sticks", True), ("octa11_auto_8kg", False), ("octa05_auto_quito", False)]
+    ("name", "turned"),
+    thinned([("octa11_auto_8kg", False), ("octa05_auto_quito", False), ("octa07_loiter_sticks", True)], 2),
 )
 def test_firmware_in_the_loop(name, turned, sitl):
     """Thrust by every method within 2 % of the truth; roll and pitch inertia, where sticks moved, within 7 %.

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from sysid import Experiment, fit_rigid_body, validate
+from tests.forms import thinned
 
 LOGS = Path("../shared/logs/sitl")
 pytestmark = pytest.mark.slow
@@ -72,9 +73,7 @@ def test_thrust_and_drag_are_those_of_the_simulator(names, model):
         assert trim.thrust_scale == pytest.approx(1.0, abs=0.02)
 
 
-@pytest.mark.parametrize(
-    "name", ["octa07_loiter_sticks", pytest.param("octa09_systemid_mixer", marks=pytest.mark.whole)]
-)
+@pytest.mark.parametrize("name", thinned(["octa07_loiter_sticks", "octa09_systemid_mixer"], 2))
 def test_roll_and_pitch_effectiveness_of_stick_and_system_identification_flights(name, model):
     """Arm times thrust over inertia within 5 %."""
     body, facts = model(name), truth(name)
