@@ -8,10 +8,13 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import TypeVar
 
 import httpx
 
 from tests.paths import ROOT
+
+Answer = TypeVar("Answer")
 
 #: Seconds after which something that should come to hold is taken not to: no test ends by it unless it fails.
 PATIENCE = 300.0
@@ -100,9 +103,10 @@ def is_analysis(pid: int) -> bool:
         return False
 
 
-def wait_until(holds: Callable[[], bool], pause: float = 0.05) -> None:
-    """Look again and again; fail when something does not come to hold."""
+def wait_until(question: Callable[[], Answer], pause: float = 0.05) -> Answer:
+    """Ask until the answer is true, and return it; fail when it never is."""
     deadline = time.monotonic() + PATIENCE
-    while not holds():
+    while not (answer := question()):
         assert time.monotonic() < deadline, "waited too long"
         time.sleep(pause)
+    return answer

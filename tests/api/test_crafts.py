@@ -11,7 +11,8 @@ import pytest
 from api.settings import Access
 from tests.api import flights
 from tests.api.conftest import served
-from tests.api.visits import fly, only_craft, settled, wait
+from tests.api.programs import wait_until
+from tests.api.visits import fly, only_craft, settled
 
 
 @pytest.fixture
@@ -53,7 +54,7 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
     assert lost["analysis"] is None
     assert lost["lost"] in ("they held flight0, which was deleted", "")
     assert "two uploaded flights with a known position are needed" not in service.get(f"/crafts/{craft['id']}").text
-    anew = wait(lambda: (j := settled(service, craft["id"])["joint"])["analysis"] and j)
+    anew = wait_until(lambda: (j := settled(service, craft["id"])["joint"])["analysis"] and j)
     assert anew["flights"] == ["flight1", "flight2", "flight3"]
     assert anew["analysis"] != craft["joint"]["analysis"]
 
@@ -106,7 +107,7 @@ def test_flights_analysed_together_have_their_models_and_gains_under_the_stable_
     files = [("file", (f"flight{day}.bin", flights.log(day, **fact))) for day, fact in facts]
     logs = [log["id"] for log in service.post("/api/v1/logs", files=files).json()["logs"]]
     ordered = service.post("/api/v1/analyses", json={"logs": logs}).json()
-    wait(lambda: service.get(f"/api/v1/analyses/{ordered['id']}").json()["state"] == "done")
+    wait_until(lambda: service.get(f"/api/v1/analyses/{ordered['id']}").json()["state"] == "done")
     here = f"{only_craft(service)['links']['self']}/model"
     gains = service.get(f"{here}/proposed.param")
     assert (gains.text, gains.headers["Rotorid-Analysis"]) == ("ATC_RAT_RLL_P,0.12", ordered["id"])
@@ -271,7 +272,7 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
 
     analyze(2)
     with served(data=tmp_path / "data", workers=1, out=out, analyze=flights.analyze) as client:
-        wait(lambda: client.get("/api/v1/crafts").json()["items"])
+        wait_until(lambda: client.get("/api/v1/crafts").json()["items"])
         craft = settled(client, only_craft(client)["id"])
         assert craft["review"]["flights"] == ["flight0", "flight1"]
         answer = client.get(craft["links"]["flights"]).json()
@@ -284,5 +285,5 @@ def test_a_folder_of_the_command_line_shows_the_same_craft(tmp_path: Path, monke
         fly(client, "upload.bin", flights.log(9))
         assert only_craft(client)["flights"] == 3
         analyze(3)
-        wait(lambda: only_craft(client)["flights"] == 4)
+        wait_until(lambda: only_craft(client)["flights"] == 4)
         assert client.get(f"/crafts/{craft['id']}").status_code == 200

@@ -102,18 +102,22 @@ def tried(
     return answers
 
 
+#: Methods and paths of the forms.
+FORMS = [
+    (method, route.path)
+    for router in (pages.router, page_forms.router, sign_in.router, craft_pages.forms)
+    for route in router.routes
+    if isinstance(route, APIRoute)
+    for method in route.methods - {"GET", "HEAD"}
+]
+
+
 def test_no_form_is_taken_without_its_token(service: Served) -> None:
-    routes = [
-        route.path
-        for router in (pages.router, page_forms.router, sign_in.router, craft_pages.forms)
-        for route in router.routes
-        if isinstance(route, APIRoute) and "POST" in route.methods
-    ]
-    assert len(routes) >= 15
-    for path in routes:
+    assert len(FORMS) >= 15
+    for method, path in FORMS:
         address = re.sub(r"{\w+(:path)?}", "0" * 32, path)
         for files in (None, {"file": ("a.bin", b"theirs")}):
-            answer = service.post(address, files=files, data={"text": "x", "flights": "x"})
+            answer = service.request(method, address, files=files, data={"text": "x", "flights": "x"})
             assert (answer.status_code, answer.json()["type"].rpartition(":")[2]) == (403, "foreign-form"), path
 
 
@@ -136,17 +140,10 @@ def test_the_secret_is_kept_from_scripts_and_other_sites(tmp_path: Path) -> None
 
 
 def test_no_route_that_changes_something_answers_another_site(service: Served) -> None:
-    routes = [
-        (method, route.path)
-        for router in (pages.router, page_forms.router, sign_in.router)
-        for route in router.routes
-        if isinstance(route, APIRoute)
-        for method in route.methods
-    ]
-    routes += [(method.upper(), path) for path, methods in service.app.openapi()["paths"].items() for method in methods]
-    changing = [(method, path) for method, path in routes if method not in ("GET", "HEAD")]
+    operations = [(method.upper(), path) for path, own in service.app.openapi()["paths"].items() for method in own]
+    changing = [(method, path) for method, path in operations if method != "GET"]
     assert len(changing) >= 15
-    for method, path in changing:
+    for method, path in (*FORMS, *changing):
         address = re.sub(r"{\w+(:path)?}", "0" * 32, path)
         for origin in ("http://evil.example", "null"):
             refused = service.request(method, address, headers={"Origin": origin})

@@ -1,12 +1,10 @@
 """What a client of the service does: upload a flight, order its analysis, wait until a craft is settled."""
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 import httpx
 
-from tests.api.programs import PATIENCE
+from tests.api.programs import wait_until
 
 
 def fly(client: httpx.Client, name: str, content: bytes) -> str:
@@ -27,16 +25,6 @@ def told(client: httpx.Client, address: str, what: str) -> str:
     return str(client.get(address).json()[what])
 
 
-def wait(question: Callable[[], Any]) -> Any:
-    """Ask until the answer is true."""
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        if answer := question():
-            return answer
-        time.sleep(0.1)
-    raise AssertionError("it does not come to hold")
-
-
 def only_craft(client: httpx.Client) -> dict[str, Any]:
     (craft,) = client.get("/api/v1/crafts").json()["items"]
     return dict(craft)
@@ -49,4 +37,4 @@ def settled(client: httpx.Client, craft_id: str) -> dict[str, Any]:
         craft: dict[str, Any] = client.get(f"/api/v1/crafts/{craft_id}").json()
         return craft if craft["current"] and craft["joint"]["waiting"] is None else None
 
-    return dict(wait(look))
+    return wait_until(look)

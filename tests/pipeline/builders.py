@@ -65,12 +65,9 @@ def flown(
     )
 
 
-DAY = datetime(2024, 5, 2, 9, 30, tzinfo=UTC)
-
-
 def flight(name, moves=1.0, *, day=0, place=0, sigma=0.5, noise=0.05, hour=0):
     """Fly at one of several places, 64 km apart, on one of several days, moving so much."""
-    entry = flown(name, start=DAY + timedelta(days=day, hours=hour), lat=0.8 + 0.01 * place)
+    entry = flown(name, start=NOON + timedelta(days=day, hours=hour), lat=0.8 + 0.01 * place)
     return dataclasses.replace(
         entry,
         coverage=coverage_of(

@@ -18,10 +18,8 @@ import pytest
 from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.execution.executors import Processes, WorkerDiedError, as_done, count_workers
 from pipeline.fleet import crafts, job
+from tests.paths import ROOT
 from tests.pipeline import calls, flown
-
-PROJECT = Path(__file__).parents[2]
-
 
 pytestmark = pytest.mark.usefixtures("forks")
 
@@ -134,7 +132,7 @@ def test_workers_end_at_once_with_whoever_started_them(ended_by, tmp_path, pipe,
     program_file.write_text(PROGRAM)
     program = subprocess.Popen(
         [sys.executable, program_file, pipe],
-        env=os.environ | {"PYTHONPATH": str(PROJECT), "TMPDIR": str(scratch)},
+        env=os.environ | {"PYTHONPATH": str(ROOT), "TMPDIR": str(scratch)},
         stderr=subprocess.PIPE,
         start_new_session=True,
     )

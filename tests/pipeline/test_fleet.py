@@ -2,9 +2,9 @@
 
 import errno
 import json
+import multiprocessing
 import os
-import subprocess
-import sys
+import signal
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,12 +21,16 @@ from pipeline.storage.dataset import part
 from pipeline.storage.store import Store, open_store
 from tests.pipeline import flown
 
-ROOT = Path(__file__).parents[2]
 CONFIG = AnalysisConfig(poles=1, zeros=0)
 
 
 @pytest.fixture(autouse=True)
 def _quick(monkeypatch):
+    stand_in(monkeypatch)
+
+
+def stand_in(monkeypatch):
+    """Let flights of milliseconds stand for the pipeline."""
     monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
     monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
     of_software(monkeypatch, "0.1.0")
@@ -325,20 +329,19 @@ def test_training_flights_that_do_not_exist_are_wrong_usage(logs, tmp_path):
     run(logs, tmp_path / "out", AnalysisConfig(poles=1, zeros=0, training=("OCTA[12].bin", "quad")))
 
 
-def test_a_killed_run_is_resumed(logs, tmp_path):
+def run_as_a_program(folder, out):
+    stand_in(pytest.MonkeyPatch())
+    run(folder, out)
+
+
+def test_a_killed_run_is_resumed(logs, tmp_path, forks):
     """The process dies of the third log; what it had done is there, and half of nothing is."""
     out = tmp_path / "out"
     (logs / "octa3.bin").write_text("kill")
-    script = (
-        "import sys\nfrom pipeline import AnalysisConfig, analyze_fleet\n"
-        "from pipeline.fleet import job\nfrom pipeline.storage import manifest\n"
-        "from tests.pipeline import flown\n"
-        "job.analyze_flights = flown.analyze_flights\n"
-        "manifest.software = lambda: manifest.Software(rotorid='0.1.0', sources='', libraries={})\n"
-        "analyze_fleet([sys.argv[1]], AnalysisConfig(poles=1, zeros=0), store=sys.argv[2])\n"
-    )
-    died = subprocess.run([sys.executable, "-c", script, str(logs), str(out)], cwd=ROOT, check=False, timeout=120)
-    assert died.returncode == -9
+    program = multiprocessing.get_context("forkserver").Process(target=run_as_a_program, args=(logs, out))
+    program.start()
+    program.join()
+    assert program.exitcode == -signal.SIGKILL
     assert sorted(path.name for path in (out / "flights").iterdir()) == ["octa1", "octa2"]
     (logs / "octa3.bin").write_text("octa 3")
     fleet, analyzed = run(logs, out)

@@ -5,7 +5,6 @@ import json
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
 from dataclasses import replace
 from datetime import timedelta
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -29,6 +28,7 @@ from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
 from reports.pages.tables import tables_page
 from reports.views.models import orders
+from tests.paths import SAMPLES
 from tests.pipeline.builders import flight as moving
 from tests.reports.builders import validator_of
 from tests.reports.conftest import made_flight
@@ -171,12 +171,9 @@ def test_free_runs_of_many_flights_come_back_thin(craft, store, here, monkeypatc
 # A trajectory that contradicts its own sensors states neither speeds nor models; the reason is said everywhere.
 
 
-LOG = Path(__file__).parents[2] / "sample_logs"
-
-
 @pytest.fixture
 def log_path():
-    return sorted(LOG.glob("*.bin"), key=lambda path: path.stat().st_size)[0]
+    return sorted(SAMPLES.glob("*.bin"), key=lambda path: path.stat().st_size)[0]
 
 
 @pytest.fixture

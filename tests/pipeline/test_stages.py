@@ -19,6 +19,7 @@ from pipeline.execution.workload import Workload
 from pipeline.flight.analysis import analyze
 from pipeline.results.failure import Failure
 from pipeline.results.span import Span
+from tests.paths import ROOT, SAMPLES
 
 
 def test_a_foreseen_error_becomes_a_reason():
@@ -51,7 +52,7 @@ def test_a_bug_in_what_nothing_can_be_done_without_is_not_blamed_on_the_log(stag
     if stage == "flights":
         monkeypatch.setattr(estimation, "estimate", lambda *_, **__: overflow(None))
     with pytest.raises(OverflowError, match="infinity"):
-        analyze(sorted((Path(__file__).parents[2] / "sample_logs").glob("*.bin"))[0])
+        analyze(sorted(SAMPLES.glob("*.bin"))[0])
 
 
 def test_a_stage_that_takes_too_long_is_given_up():
@@ -261,7 +262,7 @@ def _run(script: str, **environment: str) -> list[str]:
 def test_loops_that_a_machine_has_not_compiled_are_compiled_once(tmp_path: Path) -> None:
     """What cannot be compiled is passed over: its call will say why."""
     (tmp_path / "loops.py").write_text(MODULE)
-    place = {"PYTHONPATH": f"{tmp_path}:{Path(__file__).parents[2]}", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    place = {"PYTHONPATH": f"{tmp_path}:{ROOT}", "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     assert _run(COMPILE, **place) == ["1", "True", "True", "4.0", "1.0"]
     files = sorted(tmp_path.rglob("*.nbc"))
     assert len(files) == 2

@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import fsspec
 import numpy as np
@@ -18,6 +17,7 @@ from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import FlightEntry
 from pipeline.storage.store import ENTRY, SCRATCH, ObjectStore, Store, TemporaryStore, open_store
+from tests.paths import ROOT
 from tests.reports.conftest import made_flight
 
 
@@ -123,9 +123,7 @@ def test_only_one_run_writes_and_what_a_killed_one_left_goes(tmp_path):
         "    (scratch / 'half').write_bytes(b'x')\n"
         "    os.kill(os.getpid(), signal.SIGKILL)\n"
     )
-    subprocess.run(
-        [sys.executable, "-c", killed, str(tmp_path)], check=False, timeout=60, cwd=Path(__file__).parents[2]
-    )
+    subprocess.run([sys.executable, "-c", killed, str(tmp_path)], check=False, timeout=60, cwd=ROOT)
     assert len(store.names(SCRATCH)) == 1
     with store.locked():
         assert store.names(SCRATCH) == []

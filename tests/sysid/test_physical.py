@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,9 +13,8 @@ from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, law_of
 from sysid.rigid_body.physical import HEADLINE, METHODS, UNITS, quantity
 from tests.forms import thinned
+from tests.paths import SITL
 from tests.sysid.craft_flights import flight, without
-
-LOGS = Path("../shared/logs/sitl")
 
 
 @pytest.fixture(scope="module")
@@ -151,7 +149,7 @@ def test_firmware_in_the_loop(name, turned, sitl):
     The simulator's inertia is reproduced by its own rate outputs to 4 % only. Its ESCs report the command.
     """
     made = Experiment.from_flight(*sitl(name), rate=50.0)
-    truth = json.loads((LOGS / f"{name}.json").read_text())["truth"]
+    truth = json.loads((SITL / f"{name}.json").read_text())["truth"]
     parameters = physical_parameters([made], truth["mass_kg"], arm=truth["arm_length_m"])
     voltage = parameters.thrust.reference_voltage / truth["model_inputs"]["maxVoltage"]
     expected = truth["max_thrust_per_motor_N_sea_level_static_full_voltage"] * voltage**2

@@ -2,15 +2,14 @@
 
 import json
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from sysid import Experiment, fit_rigid_body, validate
 from tests.forms import thinned
+from tests.paths import SITL
 
-LOGS = Path("../shared/logs/sitl")
 pytestmark = pytest.mark.slow
 
 
@@ -25,7 +24,7 @@ def model(flight):
 
 
 def told(name):
-    return json.loads((LOGS / f"{name}.json").read_text())
+    return json.loads((SITL / f"{name}.json").read_text())
 
 
 def truth(name):

@@ -1,7 +1,6 @@
 """PX4's rate controller: responses are those of the recursion, settings those of a log; nothing is proposed."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +10,8 @@ from logparse import read_log
 from sysid.loops import LoopError, design, read_settings, tune
 from sysid.loops.controller import AngleController, GyroPath, LoopSettings, RateController
 from sysid.loops.filters import low_pass_alpha, second_order
+from tests.paths import REAL
 
-REAL = Path(__file__).parents[4] / "shared" / "logs" / "real"
 CONTROLLER = RateController(P=0.15, I=0.2, D=0.003, FF=0.05, K=1.3, FLTD=30.0, of_target=0.0, loop_rate=800.0)
 
 
