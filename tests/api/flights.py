@@ -10,9 +10,9 @@ from api.work.worker import Task, TaskProgress
 from core.serialization import as_json
 from logparse import LogError
 from pipeline.results.answer import AnswerLine, Tone
-from pipeline.results.fleet import FlightParameter
 from pipeline.results.report import FleetReport, FlightReport
 from tests.pipeline.builders import flown as made_entry
+from tests.pipeline.builders import stated
 from tests.reports.made import made
 
 #: When the first of these flights took off.
@@ -39,9 +39,7 @@ def analyze(task: Task, progress: TaskProgress) -> None:
         except (ValueError, TypeError, KeyError) as error:
             raise LogError(f"{name} is no log of these tests") from error
         entry = made_entry(Path(name).stem, start=start, craft=facts["craft"], sha256=flown_digest(content))
-        row = FlightParameter(
-            parameter="thrust over mass", method="rigid body", value=facts["thrust"], sigma=0.03, unit="m/s^2"
-        )
+        row = stated("thrust over mass", facts["thrust"], 0.03, "m/s^2")
         entries.append(dataclasses.replace(entry, parameters=(row,), build={"frame class": facts["craft"]}))
         tone = Tone.GOOD if facts["word"] == "yes" else Tone.BAD
         line = AnswerLine(purpose="Happened", word=facts["word"], tone=tone, text=facts.get("text", "No event."))

@@ -13,7 +13,7 @@ from pipeline.flight.coverage import distribution
 from pipeline.flight.craft import build_of
 from pipeline.flight.rotation import fitted_response
 from pipeline.results.account import Account, MotorsReading
-from pipeline.results.fleet import FlightEntry
+from pipeline.results.fleet import FlightEntry, FlightParameter
 from pipeline.results.rotation import AxisMargins, AxisRotation, RotationResult, state_of
 from pipeline.results.span import Span
 from sysid.frequency.response import FrequencyResponse
@@ -91,6 +91,11 @@ def covering(name, **values):
             health={"position_sigma": {"median": 0.5, "max": 1.0}},
         ),
     )
+
+
+def stated(parameter, value, sigma, unit="u", method="rigid body"):
+    """State a parameter of a flight."""
+    return FlightParameter(parameter=parameter, method=method, value=value, sigma=sigma, unit=unit)
 
 
 START = datetime(2025, 6, 1, 8, tzinfo=UTC)

@@ -5,8 +5,7 @@ from datetime import timedelta
 
 import numpy as np
 
-from pipeline.results.fleet import FlightParameter
-from tests.pipeline.builders import START, flown
+from tests.pipeline.builders import START, flown, stated
 
 #: Parameters with a typical value, standard error of one flight and true scatter between flights.
 CRAFT = {
@@ -23,10 +22,7 @@ def flights_of(values, unit="u", days=1.0):
     return [
         dataclasses.replace(
             flown(f"f{k:02d}", start=START + timedelta(days=days * k)),
-            parameters=tuple(
-                FlightParameter(parameter=name, method="rigid body", value=v[k][0], sigma=v[k][1], unit=unit)
-                for name, v in values.items()
-            ),
+            parameters=tuple(stated(name, *v[k], unit) for name, v in values.items()),
         )
         for k in range(count)
     ]

@@ -14,8 +14,7 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.logging_advice import BRINGS
 from pipeline.flight.next_flights import MOST, for_craft
-from pipeline.results.fleet import FlightParameter
-from tests.pipeline.builders import covering, flown, hovering
+from tests.pipeline.builders import covering, flown, hovering, stated
 from tests.pipeline.coverages import coverage_of
 
 COPTER = Vehicle(autopilot="ArduPilot", firmware="ArduCopter", version="4.5.7")
@@ -52,10 +51,7 @@ def good(name="good", *, parameters=TOLD, findings=(), form="dataflash", mask=17
         format=form,
         position_known=known,
         coverage=coverage_of(**parts),
-        parameters=tuple(
-            FlightParameter(parameter=parameter, method="rigid body", value=1.0, sigma=0.01, unit="")
-            for parameter in parameters
-        ),
+        parameters=tuple(stated(parameter, 1.0, 0.01, "") for parameter in parameters),
         findings=tuple(finding if isinstance(finding, Finding) else found(finding) for finding in findings),
     )
 

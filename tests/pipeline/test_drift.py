@@ -11,8 +11,7 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.meta_analysis import ALPHA, holm, meta_regression
 from pipeline.results.account import Account, MotorsReading
 from pipeline.results.drift import Step, Trend
-from pipeline.results.fleet import FlightParameter
-from tests.pipeline.builders import FRAMES, hovering
+from tests.pipeline.builders import FRAMES, hovering, stated
 from tests.pipeline.histories import CRAFT, flights_of, series
 
 
@@ -90,7 +89,7 @@ def test_dates_order_the_flights_and_make_the_slope_per_day():
 
 def test_the_method_that_most_flights_have_is_followed_and_others_are_kept():
     flights = flights_of({"motor lag": [(0.05, 0.001)] * 5})
-    other = FlightParameter(parameter="motor lag", method="rotor", value=0.06, sigma=0.0001, unit="s")
+    other = stated("motor lag", 0.06, 0.0001, "s", "rotor")
     flights = [dataclasses.replace(f, parameters=(*f.parameters, other)) if k < 3 else f for k, f in enumerate(flights)]
     (history,) = follow(flights).parameters
     assert history.method == "rigid body"

@@ -9,8 +9,8 @@ import pytest
 from logparse.craft.frames import motor_table
 from pipeline.fleet.homogeneity import alike_flights, unlike_findings, unlike_flights
 from pipeline.flight.summary import BATTERY
-from pipeline.results.fleet import FlightParameter
 from sysid.rotors.steady_trims import SteadyTrims
+from tests.pipeline.builders import stated
 
 
 def entry(name, parameters=(), day=None, trims=None):
@@ -31,18 +31,14 @@ def fleet(seed, count=8, payload=None, voltage=16.0, changes=None, day=None):
         mass = 1.0 if payload is None else payload.get(k, 1.0)
         volts = voltage * float(np.exp(0.03 * rng.standard_normal())) * (changes or {}).get(k, 1.0)
         thrust = 8.0 * (volts / 16.0) ** 2 / mass * float(np.exp((0.014 if day else 0.035) * rng.standard_normal()))
-        rows = [FlightParameter(parameter="voltage", method=BATTERY, value=volts, sigma=0.1, unit="V")]
+        rows = [stated("voltage", volts, 0.1, "V", BATTERY)]
         for parameter, value, part in (
             ("thrust over mass", thrust, float(rng.uniform(0.003, 0.01 if day else 0.05))),
             ("roll inertia over mass and arm", 0.03 / mass, float(rng.uniform(0.01, 0.1))),
             ("yaw torque over inertia", 12.0, float(rng.uniform(0.02, 0.2))),
         ):
             measured = value * float(np.exp(part * rng.standard_normal()))
-            rows.append(
-                FlightParameter(
-                    parameter=parameter, method="rigid body", value=measured, sigma=part * measured, unit="m/s^2"
-                )
-            )
+            rows.append(stated(parameter, measured, part * measured, "m/s^2"))
         flights.append(entry(f"flight {k}", tuple(rows), day))
     return flights
 

@@ -12,12 +12,12 @@ from pipeline.fleet.envelope import envelope
 from pipeline.results.account import Account, MotorsReading
 from pipeline.results.coverage import QUANTITIES, Envelope
 from pipeline.results.drift import Drift
-from pipeline.results.fleet import FlightEntry, FlightParameter
+from pipeline.results.fleet import FlightEntry
 from reports.figures.fleet import coverage_figures, drift_figures
 from reports.views.fleet import drift_sentences, drift_table
 from reports.views.flight import coverage_table, outside
 from sysid.rotors.steady_trims import SteadyTrims
-from tests.pipeline.builders import flown
+from tests.pipeline.builders import covering, stated
 from tests.pipeline.coverages import coverage_of
 from tests.reports.builders import themed
 
@@ -29,36 +29,25 @@ def entry(number: int, speed: float, thrust: float) -> FlightEntry:
     """Make up a flight at one speed, of a craft with one thrust."""
     rng = np.random.default_rng(number)
     bins = {name: int(1.05 / QUANTITIES[name].step) for name in ("density", "altitude")} | {"ground_speed": int(speed)}
-    coverage = coverage_of(
-        seconds=60.0,
-        quantities={
-            name: {
-                "title": QUANTITIES[name].title,
-                "unit": QUANTITIES[name].unit,
-                "step": QUANTITIES[name].step,
-                "first": first,
-                "seconds": [30.0, 30.0],
-            }
-            | dict.fromkeys(("min", "p05", "median", "p95", "max"), (first + 1) * QUANTITIES[name].step)
-            for name, first in bins.items()
-        },
-        map=[[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]],
-        wind={"speed": 3.0, "direction": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4},
-        excitation={"acceleration_rms": 0.6},
-        health={"position_sigma": {"median": 0.5, "max": 1.0}},
+    halves = np.repeat([0.5, 1.5], 300)
+    flight = covering(
+        f"flight{number:02d}", **{name: (first + halves) * QUANTITIES[name].step for name, first in bins.items()}
     )
-    rows = [
-        ("thrust over mass", "rotor", thrust + rng.normal(0.0, 0.004), 0.004, "m/s^2, one motor at full command"),
-        ("motor lag", "rotor", 0.05 + rng.normal(0.0, 0.002), 0.002, "s"),
-    ]
     return replace(
-        flown(f"flight{number:02d}", start=datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=number)),
-        coverage=coverage,
+        flight,
+        start_utc=datetime(2026, 3, 1, tzinfo=UTC) + timedelta(days=number),
+        coverage=coverage_of(
+            flight.coverage,
+            map=[[int(speed), 1, 30.0], [int(speed) + 1, 1, 30.0]],
+            wind={"speed": 3.0, "direction": 0.5 * np.pi, "north": 0.0, "east": -3.0, "sigma": 0.4},
+        ),
         trims=SteadyTrims(MOTORS, (0.0, 0.0, 0.0), (1e-6,) * 3, ((0.5, 0.5, 0.5),) * 4),
         account=Account(flight=None, motors=MotorsReading(mean=dict.fromkeys("1234", 0.4), hardest="1", at_limit=0.0)),
-        parameters=tuple(
-            FlightParameter(**dict(zip(("parameter", "method", "value", "sigma", "unit"), row, strict=True)))
-            for row in rows
+        parameters=(
+            stated(
+                "thrust over mass", thrust + rng.normal(0.0, 0.004), 0.004, "m/s^2, one motor at full command", "rotor"
+            ),
+            stated("motor lag", 0.05 + rng.normal(0.0, 0.002), 0.002, "s", "rotor"),
         ),
     )
 
