@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +45,7 @@ def judged(model, fitted, judges, key="motors", title="motor PWM → position", 
     return model_result(key, title, model, validation, free_runs(model, validation, records), **of)
 
 
+@cache
 def made_flight(
     name: str = "flight01",
     *,

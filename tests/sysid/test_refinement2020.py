@@ -122,15 +122,14 @@ def test_samples_of_one_turn_are_one_instant():
     assert "4 instants in 1 stretch of 2 s" in mean.reason
 
 
-def test_what_motors_do_not_explain_gives_no_inertia():
+def test_what_motors_do_not_explain_gives_no_inertia(record):
     """Rates that the motors did not make, as wind and slow logs leave them: the paper's mean has no way to tell."""
-    clean = flight(octo(), 1, wander=8.0)
     rng = np.random.default_rng(3)
-    context = clean.context.copy()
+    context = record.context.copy()
     for name in ("w_x", "w_y", "w_z"):
         shake = np.convolve(rng.standard_normal(len(context)), np.ones(5) / 5.0, "same")
         context[name] += 0.5 * float(context[name].std()) * shake
-    model = fit_refinement2020([replace(clean, context=context)])
+    model = fit_refinement2020([replace(record, context=context)])
     for name in ("Jx", "Jz", "b"):
         assert model.instants[name].mean is None, name
         assert "motors explain only" in model.instants[name].reason or "degenerate" in model.instants[name].reason

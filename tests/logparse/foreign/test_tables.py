@@ -1,6 +1,7 @@
 """Tables of other origin: what is right is read whatever its form, what is wrong is named with its column."""
 
 from contextlib import suppress
+from functools import cache
 
 import h5py
 import numpy as np
@@ -23,6 +24,7 @@ ANGLES = np.radians([45.0, -135.0, -45.0, 135.0])
 SPINS = np.array([-1.0, -1.0, 1.0, 1.0])
 
 
+@cache
 def motion(seed=0, seconds=30.0):
     """Motion that is consistent by construction, NED and FRD: attitude from smooth angles, acceleration from thrust."""
     rng = np.random.default_rng(seed)
