@@ -192,7 +192,7 @@ def together(flights: Sequence[FlightEntry], histories: Sequence[History]) -> To
         p = min(1.0, 2.0 * tried * len(rows) * float(normal_cdf(-score)))
         change: Trend | Step
         if kind == "trend":
-            change = Trend(per_flight=estimates[leading], per_flight_sigma=sigmas[leading], per_day=None, p=p)
+            change = Trend(per_flight=estimates[leading], per_flight_sigma=sigmas[leading], p=p)
         else:
             before, after = points[0][at - 1], points[0][at]
             change = Step(
@@ -314,9 +314,7 @@ def _explained(
             sentence += f"; {' or '.join(rivals)} would look alike"
         advice = f"check motor {motor.removeprefix('m')}, its propeller and its ESC"
         findings = (Finding("motor-weakening", Severity.WARNING, sentence, advice),)
-        return MotorDrift(
-            points=points, weakening=motor, loss=loss, loss_sigma=sigma, sentence=sentence, findings=findings
-        )
+        return MotorDrift(points=points, weakening=motor, loss=loss, sentence=sentence, findings=findings)
     why = f"{' or '.join(others)} explains it" if others else "no single motor explains it by losing thrust"
     sentence = f"what is steadily asked of the motors changes {when} ({seen}); {why}"
     advice = "check the centre of gravity and the motors' mounts"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,14 +56,7 @@ def _trend(points: Sequence[FlightPoint], values: Floats, sigmas: Floats) -> Tre
     if len(points) < FEWEST:
         return None
     per_flight, sigma, p = fit_change(points, None).test([0.0, 1.0])
-    starts = [datetime.fromisoformat(point.start_utc) for point in points if point.start_utc is not None]
-    per_day = None
-    if len(starts) == len(points):
-        days = np.array([(start - starts[0]).total_seconds() / 86400.0 for start in starts])
-        if np.ptp(days) > 1.0:
-            design = np.column_stack([np.ones(len(days)), days - days.mean()])
-            per_day = float(meta_regression(values, sigmas, design).beta[1])
-    return Trend(per_flight=per_flight, per_flight_sigma=sigma, per_day=per_day, p=p)
+    return Trend(per_flight=per_flight, per_flight_sigma=sigma, p=p)
 
 
 def _step(points: Sequence[FlightPoint], values: Floats, together: MetaRegression) -> Step | None:

@@ -171,7 +171,6 @@ def _rmse(
         fit_percent=errors("fit_percent"),
         rmse_mean_m=errors("rmse_mean"),
         rmse_constant_position_m=errors("rmse_constant_position"),
-        scored_from_s=float(by_output["scored_from"].iloc[0]),
     )
 
 

@@ -11,7 +11,7 @@ import statistics
 from collections.abc import Collection, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from core.quantity import joined, readable
+from core.quantity import joined
 from core.summary import listed
 from logparse.craft.log_settings import Need, bits_of
 from logparse.formats import TELEMETRY
@@ -299,29 +299,15 @@ def _axes(total: int, determined: Collection[str]) -> Iterator[Advice]:
 
 def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
     """Name what judging flights did that no training flight did."""
-    quantities = list(dict.fromkeys(excursion.quantity for excursion in envelope.outside))
-    if not quantities:
+    flights = [str(finding.evidence["flight"]) for finding in envelope.findings]
+    if not flights:
         return
-    ranges, flights = [], []
-    for name in quantities:
-        out = [excursion for excursion in envelope.outside if excursion.quantity == name]
-        flown = envelope.quantities[name]
-        furthest = max(
-            out, key=lambda excursion: max(excursion.reach - excursion.fitted[1], excursion.fitted[0] - excursion.reach)
-        )
-        flights += [excursion.flight for excursion in out]
-        low, high = furthest.fitted
-        ranges.append(
-            f"{flown.title} {readable(flown.unit, furthest.reach)} (fitted {readable(flown.unit, low)} to "
-            f"{readable(flown.unit, high)})"
-        )
-    flights = list(dict.fromkeys(flights))
     yield Advice(
         id="train-where-you-fly",
         rank=15,
         do=f"Let {'one of ' if len(flights) > 1 else ''}{listed(flights, 4)} train (--training), or fly a training "
         "flight there",
-        why=f"flights that judge leave what the models were fitted to: {', '.join(ranges[:4])}",
+        why="; ".join(finding.reason for finding in envelope.findings[:3]),
         gain="errors of interpolation instead of extrapolation over that range",
         flights=tuple(flights),
     )

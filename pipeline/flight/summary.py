@@ -243,15 +243,14 @@ def _flown(result: FlightResult) -> FlownReport | None:
     span, account = result.flight, present(result.account)
     if isinstance(span, Failure):
         return None
-    read = [None] * 3 if account is None else [account.height, account.distance, account.ground_speed]
-    height, distance, speed = (None if reading is None else reading.value for reading in read)
+    read = [None] * 2 if account is None else [account.height, account.ground_speed]
+    height, speed = (None if reading is None else reading.value for reading in read)
     return FlownReport(
         start_s=span.start,
         stop_s=span.stop,
         duration_s=span.duration,
         modes=tuple(mode_spans(result)),
         height_m=height,
-        distance_m=distance,
         speed_max_m_s=speed,
     )
 

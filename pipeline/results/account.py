@@ -71,7 +71,6 @@ class BatteryReading:
     start: float
     end: float
     lowest: float
-    lowest_t: float
     cells: int | None = None  #: Lithium cells in series, by the voltage at rest; None where that is not logged.
     sag: Parameter | None = None  #: Resistance by which the voltage sags, ohm; None where current is not logged.
 

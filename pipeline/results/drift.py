@@ -64,11 +64,10 @@ class FlightPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """Steady change: slope per flight (and per day, where dates tell), with its standard error and probability."""
+    """Steady change: slope per flight, with its standard error and probability."""
 
     per_flight: float
     per_flight_sigma: float
-    per_day: float | None
     p: float
     p_adjusted: float = 1.0
     significant: bool = False
@@ -139,7 +138,6 @@ class MotorDrift:
     weakening: str | None = None  #: The motor that alone explains a change of the trims by losing thrust.
     #: Part of its thrust that it lost: per flight, or at once.
     loss: float | None = None
-    loss_sigma: float | None = None
     sentence: str
     p: float | None = None  #: Chance that trims together look so much like one motor's loss where nothing changes.
     findings: tuple[Finding, ...] = ()

@@ -34,7 +34,6 @@ class RmseRow:
     #: Errors of always predicting the record's own mean, and of standing still.
     rmse_mean_m: ByOutput
     rmse_constant_position_m: ByOutput
-    scored_from_s: float | None  #: What lies before it gave the initial state.
 
 
 def average(rows: Sequence[Mapping[str, float | None]]) -> dict[str, float]:

@@ -38,14 +38,13 @@ class ModeSpan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlownReport:
-    """The analysed airborne interval: its modes, how high, how far and how fast over the ground it went, as read."""
+    """The analysed airborne interval: its modes, how high and how fast over the ground it went, as read."""
 
     start_s: float
     stop_s: float
     duration_s: float
     modes: tuple[ModeSpan, ...] = ()
     height_m: float | None = None
-    distance_m: float | None = None
     speed_max_m_s: float | None = None
 
 

@@ -18,10 +18,8 @@ class ResidualTest:
     #: Portmanteau statistic (Ljung and Box 1978) and what white residuals exceed with probability ``1 - LEVEL`` only.
     whiteness: float
     whiteness_limit: float
-    #: For each input, by lag: of the residual with the input 1, 2, ... samples before it, in units of its
-    #: standard deviation if they were independent, so that the band is +-2.58.
-    crosscorrelation: Mapping[str, tuple[float, ...]]
-    independence: Mapping[str, float]  #: For each input the chi-square statistic over all lags.
+    #: For each input the chi-square statistic of the residual with the input 1, 2, ... samples before it.
+    independence: Mapping[str, float]
     #: What the largest of them exceeds with probability ``1 - LEVEL`` if the residual is independent of every input.
     independence_limit: float
 

@@ -49,7 +49,6 @@ def examine_residuals(
 
     # The errors' own colour widens what chance allows, so that one test does not fail because the other does.
     colour = autocovariance(centred, min(4 * lags, longest))
-    deviations: dict[str, Floats] = {}
     statistics: dict[str, float] = {}
     limit = float(chi2_isf(lags, 1.0 - LEVEL ** (1.0 / max(len(names), 1))))
     for column, name in enumerate(names):
@@ -65,7 +64,6 @@ def examine_residuals(
             ]
         )
         spread = lagged_information(before, lags, colour)
-        deviations[name] = total / np.sqrt(np.maximum(np.diag(spread), 1e-300))
         # Inputs change slowly, so that their lags are nearly collinear: what they share counts once.
         values, vectors = np.linalg.eigh(spread)
         kept = values > 1e-6 * values[-1]
@@ -81,7 +79,6 @@ def examine_residuals(
         band=single / float(np.sqrt(samples)),
         whiteness=whiteness,
         whiteness_limit=float(chi2_isf(lags, 1.0 - LEVEL)),
-        crosscorrelation={name: tuple(values.tolist()) for name, values in deviations.items()},
         independence=statistics,
         independence_limit=limit,
     )

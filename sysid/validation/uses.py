@@ -185,24 +185,22 @@ class ParameterUse:
     """Whether its parameters mean something by themselves."""
 
     trust: Trust
-    #: Parameters, or coefficients, whose standard deviation is below half of them, and all.
-    determined: int = 0
-    total: int = 0
-    #: Whether predictions on held-out flights are worth having at some horizon: what predicts nothing is determined in
-    #: the fit alone.
-    confirmed: bool = False
     sentence: str = "parameters: not judged"
 
     @classmethod
     def counted(cls, known: Sequence[bool], *, confirmed: bool) -> ParameterUse:
-        """Return the answer for parameters of which each is determined or not."""
+        """Return the answer for parameters of which each is determined or not.
+
+        They are confirmed where predictions on held-out flights are worth having at some horizon: what predicts nothing
+        is determined in the fit alone.
+        """
         if not known:
             return cls(trust=Trust.UNKNOWN)
         determined = sum(known)
         trust = Trust.NO if not determined else Trust.YES if all(known) and confirmed else Trust.LIMITED
         doubt = ", but no prediction confirms them" if determined and not confirmed else ""
         sentence = f"parameters: {determined} of {len(known)} determined{doubt}"
-        return cls(trust=trust, determined=determined, total=len(known), confirmed=confirmed, sentence=sentence)
+        return cls(trust=trust, sentence=sentence)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

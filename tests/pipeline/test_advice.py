@@ -193,7 +193,7 @@ def test_judging_flights_that_leave_the_range_are_advised_to_train():
     found_range = envelope(flights, ["a"], ["b"])
     advice = {item.id: item for item in for_craft(flights, found_range)}
     assert advice["train-where-you-fly"].flights == ("b",)
-    assert "ground speed 12.5 m/s (fitted 3 m/s to 4 m/s)" in advice["train-where-you-fly"].why
+    assert "ground speed up to 12.5 m/s (fitted to 4 m/s)" in advice["train-where-you-fly"].why
     # One flight trains: sqrt(2) of the best model's error on unseen ones; with four it is sqrt(1.25).
     assert "adds 12 % instead of 41 %" in advice["fly-more"].gain
 

@@ -17,7 +17,7 @@ STATE = {
     "height": HEIGHT,
     "distance": Reading(value=18.0, unit="m"),
     "ground_speed": SPEED,
-    "battery": BatteryReading(start=16.8, end=16.4, lowest=15.7, lowest_t=80.0, cells=4),
+    "battery": BatteryReading(start=16.8, end=16.4, lowest=15.7, cells=4),
     "vibration": Vibration(worst=6.0, p95=6.0, t=54.0, axis="X", clips=0, advised=30.0, harmful=60.0, source="VIBE"),
     "gps": GpsReading(satellites_least=14, satellites_median=16, fix_share=1.0),
     "hover": HoverReading(start=0.49, end=0.50, thrust_to_weight=2.0),

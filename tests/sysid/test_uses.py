@@ -202,7 +202,7 @@ def test_parameters_count_and_need_a_prediction_that_confirms_them():
     model = SimpleNamespace(parameters={name: SimpleNamespace(determined=name != "c") for name in "abc"})
     good = {0.1: {"x": GOOD, "z": GOOD}}
     use = uses_of(model, *ahead(good)).parameters
-    assert (use.trust, use.determined, use.total, use.confirmed) == (Trust.LIMITED, 2, 3, True)
+    assert (use.trust, use.sentence) == (Trust.LIMITED, "parameters: 2 of 3 determined")
     del model.parameters["c"]
     assert uses_of(model, *ahead(good)).parameters.trust is Trust.YES
     alone = uses_of(model, *ahead({0.1: {"x": FAIR, "z": GOOD}})).parameters

@@ -137,7 +137,6 @@ def battery(readings: Readings) -> BatteryReading | None:
         start=start,
         end=end,
         lowest=float(inside.min()),
-        lowest_t=float(inside.index[int(np.argmin(inside.to_numpy()))]),
         cells=math.ceil(max(at_rest) / _FULL) if at_rest else None,
         sag=sag_resistance(*(column.to_numpy(np.float64) for column in columns)) if columns else None,
     )
