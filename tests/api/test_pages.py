@@ -1,6 +1,5 @@
 """The pages say what there is to say without scripts, and escape what they were given."""
 
-from html.parser import HTMLParser
 from pathlib import Path
 
 import httpx
@@ -9,21 +8,7 @@ import pytest
 from api.routes.pages import samples
 from tests.api.conftest import Upload
 from tests.api.programs import wait_until
-
-
-class Outline(HTMLParser):
-    """What a screen reader makes of a page: headings, labels and named things."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.tags: list[tuple[str, dict[str, str | None]]] = []
-        self.feed(page)
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.tags.append((tag, dict(attrs)))
-
-    def all(self, tag: str) -> list[dict[str, str | None]]:
-        return [attributes for name, attributes in self.tags if name == tag]
+from tests.reports.builders import Page
 
 
 def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Client) -> None:
@@ -32,10 +17,10 @@ def test_a_browser_without_scripts_is_led_from_form_to_report(service: httpx.Cli
     page = service.get(answer.headers["Location"])
     assert "<h1" in page.text
     assert "Analysing paper01.BIN" in page.text
-    assert Outline(page.text).all("meta")[-1]["http-equiv"] == "refresh"
+    assert Page(page.text).all("meta")[-1]["http-equiv"] == "refresh"
     address = answer.headers["Location"]
     wait_until(lambda: service.get(f"/api/v1{address}").json()["state"] == "done")
-    frame = Outline(service.get(answer.headers["Location"]).text).all("iframe")[0]
+    frame = Page(service.get(answer.headers["Location"]).text).all("iframe")[0]
     assert frame["title"] == "Report on paper01.BIN"
     assert "<title>report</title>" in service.get(frame["src"] or "").text
 
@@ -49,7 +34,7 @@ def test_a_sample_is_analysed_as_if_uploaded(
     monkeypatch.setattr("api.routes.pages.samples", lambda: samples(tmp_path))
     page = service.get("/").text
     assert "calm: steps &lt;in&gt; place" in page
-    assert [option["value"] for option in Outline(page).all("option")] == ["bare", "calm"]
+    assert [option["value"] for option in Page(page).all("option")] == ["bare", "calm"]
     answer = service.post("/samples", data={"name": "calm"})
     assert answer.status_code == 303
     assert service.get(f"/api/v1{answer.headers['Location']}").json()["log"]["name"] == "calm.bin"
@@ -60,7 +45,7 @@ def test_a_sample_is_analysed_as_if_uploaded(
 
 
 def test_htmx_comes_from_us(service: httpx.Client) -> None:
-    for script in Outline(service.get("/").text).all("script"):
+    for script in Page(service.get("/").text).all("script"):
         assert (script["src"] or "").startswith("/static/")
     htmx = service.get("/static/htmx.min.js")
     assert (htmx.status_code, htmx.text[:8]) == (200, "var htmx")
@@ -69,8 +54,8 @@ def test_htmx_comes_from_us(service: httpx.Client) -> None:
 def test_buttons_work_without_scripts(service: httpx.Client, upload: Upload) -> None:
     page = upload(service, b"good buttons").json()["links"]["page"]
     shared = service.post(f"{page}/share", data={"days": "7"}).text
-    link = next(field["value"] for field in Outline(shared).all("input") if field.get("id") == "link") or ""
-    assert Outline(service.get(link).text).all("iframe")[0]["title"] == "Report on flight.bin"
+    link = next(field["value"] for field in Page(shared).all("input") if field.get("id") == "link") or ""
+    assert Page(service.get(link).text).all("iframe")[0]["title"] == "Report on flight.bin"
     assert "taken back" in service.post(f"{page}/unshare").text
     assert service.get(link, headers={"Accept": "text/html"}).status_code == 404
     again = service.post(f"{page}/again", data={"poles": "2", "zeros": "1", "mass": ""})

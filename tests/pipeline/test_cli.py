@@ -53,7 +53,6 @@ def test_wrong_usage_ends_with_2_and_says_why(arguments, tmp_path, rotorid_here,
     assert "Traceback" not in run.stderr
     assert not run.stdout
     assert not (tmp_path / "out").exists()
-    assert not (tmp_path / "out").exists()
 
 
 def test_results_go_to_a_folder_of_the_name_of_the_log_unless_another_is_named(tmp_path, rotorid_here, monkeypatch):

@@ -5,6 +5,7 @@ import gzip
 import json
 import re
 from functools import cache
+from html.parser import HTMLParser
 
 import jsonschema
 
@@ -27,6 +28,25 @@ def validator_of(kind: str) -> jsonschema.Draft202012Validator:
     whole = schema_of("report")
     one = {name: value for name, value in whole.items() if name != "oneOf"} | {"$ref": f"#/$defs/{KINDS[kind]}"}
     return jsonschema.Draft202012Validator(one)
+
+
+class Page(HTMLParser):
+    """What a browser makes of a page: elements, scripts, visible text."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.feed(html)
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, dict(attrs)))
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
 
 
 def page_of(result: FlightResult) -> str:

@@ -84,14 +84,6 @@ def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_validation_says_so(
     assert not validate(Known(0.5), records).own_trim
 
 
-def test_one_unseen_record_does_not_show_that_a_model_generalises():
-    y = np.column_stack([np.sin(0.3 * np.arange(400) * 0.1)] * 2)
-    alone = validate(Known(0.01), [record("unseen", y)]).uses.free_run
-    assert alone.trust is Trust.LIMITED
-    assert "only one record has judged it" in alone.verdict.sentence
-    assert validate(Known(0.01), [record("unseen", y), record("other", y)]).uses.free_run.trust is Trust.YES
-
-
 def test_nothing_unseen_is_nothing_validated():
     validation = validate(Known(0.01), [record("seen")])
     assert not validation.unseen
