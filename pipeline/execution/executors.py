@@ -20,11 +20,15 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-import pebble
-
+from core.lazy import lazy
 from pipeline.execution.machine import available_memory, collect_seldom, pin_threads, processors, trim_heap
+
+if TYPE_CHECKING:
+    import pebble
+else:
+    pebble = lazy("pebble")  # a log that is analysed alone needs no pool
 
 T = TypeVar("T")
 R = TypeVar("R")

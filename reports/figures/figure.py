@@ -15,6 +15,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -389,4 +390,4 @@ def rounded(values: NDArray[np.float64], decimals: int) -> list[float | None]:
 def digits(values: ArrayLike, count: int = 4) -> list[float | None]:
     """Keep the significant digits that a plot shows; what is not finite becomes a gap."""
     numbers = np.asarray(values, dtype=float).ravel().tolist()
-    return [float(f"{value:.{count}g}") if np.isfinite(value) else None for value in numbers]
+    return [float(f"{value:.{count}g}") if isfinite(value) else None for value in numbers]
