@@ -1,6 +1,7 @@
 """The strapdown error-state Kalman filter over one segment of a log."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -23,7 +24,7 @@ QUIETEST, LOUDEST = 0.2, 5.0
 PATIENCE, TOGETHER = 10.0, 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FilterSegment:
     """One segment as the kernels read it."""
 
@@ -45,6 +46,11 @@ class FilterSegment:
     def outputs(self) -> int:
         """Number of rows asked for."""
         return int(self.steps.node_out.max(initial=-1)) + 1
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Log-likelihood of its observations, by a pass of the filter."""
+        return run(self, keep=False).log_likelihood
 
 
 @dataclass(frozen=True, slots=True)

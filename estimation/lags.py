@@ -1,37 +1,17 @@
 """By how much the readings of a sensor are late: the likeliest lag, near the documented one or far from it."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from hashlib import blake2b
 from itertools import pairwise
 
 import numpy as np
 
 from estimation import _kernels
-from estimation.filter import FilterSegment, run
+from estimation.filter import FilterSegment
 from estimation.observations import Observations
 from estimation.shocks import believed
-from estimation.states import SensorNoise
 
 #: Gain in log-likelihood that a lag other than the documented one must bring.
 DECISIVE = 10.0
-
-
-@dataclass(frozen=True, slots=True)
-class Passes:
-    """Likelihoods of the filter, each worked out once: ladders share their rungs."""
-
-    _known: dict[tuple[SensorNoise, bytes], float] = field(default_factory=dict)
-
-    def likelihood(self, problem: FilterSegment) -> float:
-        """Return the log-likelihood of a problem of this segment."""
-        o, content = problem.observations, blake2b(digest_size=16)
-        for part in (problem.t, problem.steps.sub_noise, problem.x, problem.P, problem.white_scale, o.t, o.kind, o.z):
-            content.update(part.tobytes())
-        key = problem.noise, content.digest()
-        if key not in self._known:
-            self._known[key] = run(problem, keep=False).log_likelihood
-        return self._known[key]
 
 
 def nearest(ladder: Sequence[float], value: float) -> float:
@@ -40,7 +20,7 @@ def nearest(ladder: Sequence[float], value: float) -> float:
 
 
 def climb(
-    variant: Callable[[float], FilterSegment], ladder: Sequence[float], start: float, passes: Passes
+    variant: Callable[[float], FilterSegment], ladder: Sequence[float], start: float
 ) -> tuple[dict[float, float], FilterSegment]:
     """Go up and down a ladder from `start` as long as it gets likelier; likelihoods by value, and the likeliest."""
     likelihoods: dict[float, float] = {}
@@ -51,7 +31,7 @@ def climb(
             value = ladder[k]
             if value not in likelihoods:
                 problem = variant(value)
-                likelihoods[value] = passes.likelihood(problem)
+                likelihoods[value] = problem.log_likelihood
                 if best is None or likelihoods[value] >= max(likelihoods.values()):
                     best = problem
                 elif value != start:
@@ -124,7 +104,6 @@ def find_lag(
     sensor: str,
     span: tuple[float, float],
     lay_out: Callable[[Observations], FilterSegment],
-    passes: Passes,
     least: float,
     far: Sequence[float],
 ) -> float:
@@ -140,7 +119,7 @@ def find_lag(
 
     for steps in LAGS[sensor]:
         compared = _compared(observations, kinds, span, steps[-1])
-        near = _highest(at, compared, kinds, steps, far, passes)
+        near, likelihoods = _highest(at, compared, kinds, steps, far)
         if near not in (steps[0], steps[-1]):
             break
     else:
@@ -150,19 +129,17 @@ def find_lag(
         return 0.0
 
     def posterior(lag: float) -> float:
-        return passes.likelihood(at(lag, compared)) - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
+        if lag not in likelihoods:
+            likelihoods[lag] = at(lag, compared).log_likelihood
+        return likelihoods[lag] - min(0.5 * (lag / LAG_KNOWN) ** 2, DECISIVE)
 
-    posteriors = {lag: posterior(lag) for lag in {0.0, near}}
     for _ in range(CLOSER_STEPS):
-        for lag in (near - CLOSER, near + CLOSER):
-            if lag not in posteriors:
-                posteriors[lag] = posterior(lag)
-        best = max((near - CLOSER, near, near + CLOSER), key=posteriors.__getitem__)
+        best = max((near - CLOSER, near, near + CLOSER), key=posterior)
         if best == near:
             break
         near = best
-    lag = _vertex((near - CLOSER, near, near + CLOSER), posteriors)
-    return _earned(lag, posterior(lag) - posteriors[0.0]) if abs(lag) >= least else 0.0
+    lag = _vertex((near - CLOSER, near, near + CLOSER), posterior)
+    return _earned(lag, posterior(lag) - posterior(0.0)) if abs(lag) >= least else 0.0
 
 
 def _highest(
@@ -171,32 +148,30 @@ def _highest(
     kinds: tuple[int, ...],
     steps: Sequence[float],
     far: Sequence[float],
-    passes: Passes,
-) -> float:
+) -> tuple[float, dict[float, float]]:
     """Return the likeliest lag uphill of none, or of one `far` off that is likelier than that peak by all readings.
 
     One fix that is wrong is worth hundreds where a lag makes up for it: so a far peak must be decisively likelier by
-    either half of the readings alone.
+    either half of the readings alone. Beside it stand the likelihoods of all lags that were tried.
     """
 
     def variant(lag: float) -> FilterSegment:
         return lagging(lag, compared)
 
-    likelihoods, _ = climb(variant, steps, 0.0, passes)
+    likelihoods, _ = climb(variant, steps, 0.0)
     near = max(likelihoods, key=likelihoods.__getitem__)
     for start in far:
-        if passes.likelihood(variant(start)) > likelihoods[near]:
-            likelihoods |= climb(variant, steps, start, passes)[0]
+        if variant(start).log_likelihood > likelihoods[near]:
+            likelihoods |= climb(variant, steps, start)[0]
     best = max(likelihoods, key=likelihoods.__getitem__)
     t = compared.t[np.isin(compared.kind, kinds)]
     if best == near or not t.size:
-        return near
+        return near, likelihoods
     for half in pairwise(np.quantile(t, [0.0, 0.5, 1.0]).tolist()):
         readings = compared.within(kinds, *half)
-        gain = passes.likelihood(lagging(best, readings)) - passes.likelihood(lagging(near, readings))
-        if gain < DECISIVE:
-            return near
-    return best
+        if lagging(best, readings).log_likelihood - lagging(near, readings).log_likelihood < DECISIVE:
+            return near, likelihoods
+    return best, likelihoods
 
 
 def refine_lag(
@@ -207,7 +182,7 @@ def refine_lag(
 ) -> float:
     """Return by how much the lag of a receiver differs from what was found before the log's noise was known, s."""
     compared = _compared(observations, kinds, span, PARABOLA[-1])
-    values = [run(lay_out(compared.earlier(kinds, step)), keep=False).log_likelihood for step in PARABOLA.tolist()]
+    values = [lay_out(compared.earlier(kinds, step)).log_likelihood for step in PARABOLA.tolist()]
     bend, slope, _ = np.polyfit(PARABOLA, values, 2)
     if bend >= 0.0:
         return 0.0
@@ -221,10 +196,10 @@ def _earned(lag: float, gain: float) -> float:
     return part if abs(part) >= RESOLVED else 0.0
 
 
-def _vertex(at: tuple[float, float, float], values: Mapping[float, float]) -> float:
+def _vertex(at: tuple[float, float, float], value: Callable[[float], float]) -> float:
     """Return where a parabola through three values is highest; the middle one unless that is the highest of them."""
-    left, middle, right = (values.get(x, -np.inf) for x in at)
+    left, middle, right = map(value, at)
     bend = left - 2.0 * middle + right
-    if middle < max(left, right) or not np.isfinite(bend) or bend >= 0.0:
+    if middle < max(left, right) or bend >= 0.0:
         return at[1]
     return at[1] + 0.5 * (at[1] - at[0]) * (left - right) / bend

@@ -23,7 +23,6 @@ from estimation.lags import (
     FINE_LAGS,
     LAGGING,
     RECEIVERS,
-    Passes,
     climb,
     find_lag,
     nearest,
@@ -69,9 +68,7 @@ BEST_FIX = 0.03
 IMU_SCALES = (1.0, 2.0, 4.0)
 
 
-def set_noise(
-    problem: FilterSegment, start: Alignment, setting: str, ladder: Sequence[float], passes: Passes
-) -> FilterSegment:
+def set_noise(problem: FilterSegment, start: Alignment, setting: str, ladder: Sequence[float]) -> FilterSegment:
     """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
@@ -79,6 +76,8 @@ def set_noise(
     """
 
     def at(value: float) -> FilterSegment:
+        if value == getattr(problem.noise, setting):
+            return problem
         changed: dict[str, Any] = {setting: value}
         noise = replace(problem.noise, **changed)
         return replace(problem, noise=noise, P=with_priors(replace(start, P=problem.P), problem.noise, noise).P)
@@ -86,13 +85,13 @@ def set_noise(
     documented = nearest(ladder, getattr(problem.noise, setting))
     if setting in PRIORS:
         ladder = ladder[ladder.index(documented) :]
-    likelihoods, likeliest = climb(at, ladder, documented, passes)
+    likelihoods, likeliest = climb(at, ladder, documented)
     quieter = getattr(likeliest.noise, setting) < documented
     unsure = max(likelihoods.values()) - likelihoods[documented] < STRONG
     return at(documented) if unsure and (quieter or setting in PRIORS) else likeliest
 
 
-def split_gps_error(problem: FilterSegment, passes: Passes) -> FilterSegment:
+def split_gps_error(problem: FilterSegment) -> FilterSegment:
     """Find how the GPS position error divides into white noise and slow wander, whose size is known already.
 
     Both fill the same innovations, so each correlation time is judged with the white noise that suits it.
@@ -104,27 +103,32 @@ def split_gps_error(problem: FilterSegment, passes: Passes) -> FilterSegment:
     ladder += GPS_WHITE_SCALES[-1:]
 
     def with_white(problem: FilterSegment, factor: float) -> FilterSegment:
+        if factor == problem.white_scale[kind]:
+            return problem
         scale = problem.white_scale.copy()
         scale[kind] = factor
         return replace(problem, white_scale=scale)
 
     def at(time: float) -> FilterSegment:
-        wandering = replace(problem, noise=replace(problem.noise, gps_error_time=time))
+        noise = replace(problem.noise, gps_error_time=time)
+        wandering = problem if noise == problem.noise else replace(problem, noise=noise)
         start = nearest(ladder, problem.white_scale[kind])
-        return climb(lambda factor: with_white(wandering, factor), ladder, start, passes)[1]
+        return climb(lambda factor: with_white(wandering, factor), ladder, start)[1]
 
-    return climb(at, GPS_ERROR_TIMES, nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time), passes)[1]
+    return climb(at, GPS_ERROR_TIMES, nearest(GPS_ERROR_TIMES, problem.noise.gps_error_time))[1]
 
 
-def scale_imu(problem: FilterSegment, column: int, passes: Passes) -> tuple[float, FilterSegment]:
+def scale_imu(problem: FilterSegment, column: int) -> tuple[float, FilterSegment]:
     """Find the factor on the noise of gyro or accelerometer, and the problem with it."""
 
     def at(factor: float) -> FilterSegment:
+        if factor == 1.0:
+            return problem
         factors = np.ones(2)
         factors[column] = factor
         return replace(problem, steps=problem.steps._replace(sub_noise=problem.steps.sub_noise * factors))
 
-    likelihoods, likeliest = climb(at, IMU_SCALES, 1.0, passes)
+    likelihoods, likeliest = climb(at, IMU_SCALES, 1.0)
     return max(likelihoods, key=likelihoods.__getitem__), likeliest
 
 
@@ -246,7 +250,6 @@ class _Search:
         self.signal = self.as_measured = signal.before(self.span[1])
         self.yaw_scale = 1.0
         self.lags = {s: 0.0 for s, kinds in LAGGING.items() if np.isin(observations.kind, kinds).any()}
-        self.passes = Passes()
 
     @property
     def found(self) -> Tuned:
@@ -285,12 +288,11 @@ class _Search:
                 lambda walk: replace(started, noise=replace(started.noise, hard_iron_walk=walk)),
                 ladder,
                 COMPASS_CLASS,
-                self.passes,
             )
             if max(likelihoods.values()) - likelihoods[COMPASS_CLASS] > DECISIVE:
                 started = self._started(replace(likeliest, x=self.x))
         self._take(started)
-        return self.passes.likelihood(started)
+        return started.log_likelihood
 
     def search(self) -> None:
         """Find lags and noise, from what `begin` found."""
@@ -299,15 +301,9 @@ class _Search:
             for sensor in self.lags:
                 # Some hundredths of a second of a barometer say more of its noise than of its clock.
                 least = LAG_LARGE if sensor == "baro" else 0.0
-                corrections[sensor] = find_lag(
-                    self._judging(sensor),
-                    sensor,
-                    self.span,
-                    self.lay_out,
-                    self.passes,
-                    least,
-                    () if last else FAR_LAGS[sensor],
-                )
+                far = () if last else FAR_LAGS[sensor]
+                judged_by = self._judging(sensor)
+                corrections[sensor] = find_lag(judged_by, sensor, self.span, self.lay_out, least, far)
                 self.observations = self.observations.earlier(LAGGING[sensor], corrections[sensor])
                 self.lags[sensor] += corrections[sensor]
             # What was found with a clock that was off is found again with it set right.
@@ -320,19 +316,21 @@ class _Search:
         problem = self.lay_out(self.observations)
         # Before the GPS: a gyro that is noisier than it looks would make the likeliest receiver a perfect one.
         for column in range(2):
-            self.imu_scale[column], problem = scale_imu(problem, column, self.passes)
+            self.imu_scale[column], problem = scale_imu(problem, column)
         start = replace(self.aligned, x=self.x)
+        # Levelled about the attitude that was found.
+        problem = replace(problem, P=with_priors(replace(start, P=problem.P), self.noise, self.noise).P)
         for setting, ladder in LADDERS.items():
             if setting == "baro_wander" and self.found.late_barometer:
                 # The filter that makes a barometer late hides its wander from the innovations.
                 ladder = ladder[-1:]
-            problem = set_noise(problem, start, setting, ladder, self.passes)
+            problem = set_noise(problem, start, setting, ladder)
         if np.any(problem.observations.kind == _kernels.GPS_POSITION):
-            problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES, self.passes)
-            problem = split_gps_error(problem, self.passes)
+            problem = set_noise(problem, start, "gps_error_share", GPS_ERROR_SHARES)
+            problem = split_gps_error(problem)
             self._take(problem)
             sparse = self.lay_out(self.observations.thinned(HEIGHTS, FAR_APART))
-            sparse = set_noise(sparse, start, "gps_height_share", GPS_HEIGHT_SHARES, self.passes)
+            sparse = set_noise(sparse, start, "gps_height_share", GPS_HEIGHT_SHARES)
             problem = replace(problem, noise=sparse.noise, P=sparse.P)
         matched = matched_scale(problem, run(problem, keep=False))
         matched[_kernels.GPS_POSITION] = problem.white_scale[_kernels.GPS_POSITION]
@@ -398,18 +396,17 @@ class _Search:
         return middle * (1.0 + step), step * (slope + bend * step)
 
     def _log_likelihood(self) -> float:
-        return run(self.lay_out(self.observations), keep=False).log_likelihood
+        return self.lay_out(self.observations).log_likelihood
 
     def _rescale(self, yaw_scale: float) -> None:
-        """Set another scale; what was found with the one before is of another problem."""
+        """Set another scale, which makes another signal of what was measured."""
         self.yaw_scale, self.signal = yaw_scale, self.as_measured.rescaled(yaw_scale)
-        self.passes = Passes()
 
     def likelihood(self) -> float:
         """Return the log-likelihood of what was found, over readings that no lag moves out of the window."""
         kinds, reach = range(_kernels.KINDS), max(map(abs, FINE_LAGS)) + ENDS
         seen = self.observations.within(kinds, self.span[0] + reach, self.span[1] - reach)
-        return run(self.lay_out(seen), keep=False).log_likelihood
+        return self.lay_out(seen).log_likelihood
 
     def _started(self, problem: FilterSegment) -> FilterSegment:
         """Linearise about the attitude that a problem itself finds from its start, and match white noise to it."""
