@@ -302,6 +302,16 @@ class _Plan:
         self.spans = list(pairwise([signal.start, *(t[PIECE::PIECE] - TICK).tolist(), signal.stop]))
         self.shocks = Shocks.none()
         self.rows = [t[k * PIECE : (k + 1) * PIECE] for k in range(len(self.spans))]
+        # Room for the segment's estimates, which every pass fills anew.
+        self.room = Estimates(
+            np.empty((len(t), SIZE + 1)),
+            np.empty((len(t), 3, 3, 3)),
+            np.empty((-(-len(t) // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW)),
+            np.empty(0),
+            np.empty(0),
+            np.empty((0, 2)),
+            np.empty((0, 2)),
+        )
 
     def lay_out(
         self, observations: Observations, outputs: np.ndarray, x: np.ndarray, P: np.ndarray, start: float, stop: float
@@ -336,13 +346,11 @@ class _Plan:
 
     def filter(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter only: each row knows what was measured before it."""
-        estimates = self._nothing_yet()
-        known, _ = self._forward(observations, x, estimates)
-        return known, estimates
+        known, _ = self._forward(observations, x, self.room)
+        return known, self.room
 
     def smooth(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter, then smooth piece by piece from behind."""
-        estimates = self._nothing_yet()
         known, begun = self._forward(observations, x, None)
         adjoint = new_adjoint()
         pieces = []
@@ -350,10 +358,10 @@ class _Plan:
             x, P, memory = begun[number]
             problem = self.lay_out(observations, self.rows[number], x, P, *self.spans[number])
             piece = smooth_piece(problem, run(problem, memory=memory), adjoint)
-            _place(piece, estimates, number)
+            _place(piece, self.room, number)
             pieces.append((piece.deletion, piece.nodes, piece.shock, piece.shock_size))
         deletion, nodes, shock, size = (np.concatenate(parts[::-1]) for parts in zip(*pieces, strict=True))
-        return known, estimates._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
+        return known, self.room._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
 
     def surprises(self, observations: Observations, x: np.ndarray) -> np.ndarray:
         """Return how far each reading lies from what those before it foretell, squared and over its variance, (s,)."""
@@ -398,19 +406,6 @@ class _Plan:
             shocks=self.shocks,
         )
         return known, begun
-
-    def _nothing_yet(self) -> Estimates:
-        """Return room for the segment's estimates."""
-        rows = len(self.t)
-        return Estimates(
-            np.empty((rows, SIZE + 1)),
-            np.empty((rows, 3, 3, 3)),
-            np.empty((-(-rows // _kernels.SLOW_EVERY), SIZE - _kernels.SLOW)),
-            np.empty(0),
-            np.empty(0),
-            np.empty((0, 2)),
-            np.empty((0, 2)),
-        )
 
 
 def _place(piece: Estimates, whole: Estimates, number: int) -> None:

@@ -186,17 +186,17 @@ class FlightLog(Summarised):
     def derived(
         self, make: Callable[Concatenate["FlightLog", Given], Made], *given: Given.args, **named: Given.kwargs
     ) -> Made:
-        """Return what a function makes of this log and of further arguments, made once.
+        """Return what a function makes of this log and of further arguments, kept as tables are while there is room.
 
         Parameters
         ----------
         make : callable
-            A module's function, whose result is small beside the log and is not altered by those who ask for it.
+            A module's function, whose result is not altered by those who ask for it.
         *given, **named
             Its further arguments, hashable.
         """
         key = (make, self._shown, given, tuple(named.items()))
-        return self._kept.result(key, lambda: make(self, *given, **named))
+        return self._kept.get(key, lambda: make(self, *given, **named))
 
     def of_boot(self, boot: Boot) -> Self:
         """Return another power-up of the same file."""

@@ -12,6 +12,7 @@ import scipy
 from numpy.typing import NDArray
 
 from logparse import FlightLog
+from logparse.tables import between
 from sysid.frequency.axes import SID_AXES
 from sysid.frequency.response import Floats
 
@@ -104,7 +105,7 @@ class Chirp:
         if self.high <= 0.5 / step or len(shown) < 8:
             return self
         start, stop = float(shown[0]), float(shown[-1])
-        return replace(self, start=start, stop=stop, high=0.5 / step, rows=self.rows.loc[start:stop])
+        return replace(self, start=start, stop=stop, high=0.5 / step, rows=between(self.rows, start, stop))
 
 
 def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
