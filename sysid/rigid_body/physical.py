@@ -128,7 +128,6 @@ def physical_parameters(
     mass: float | None = None,
     *,
     arm: float | None = None,
-    inertia: tuple[float, float, float] | None = None,
     rigid_body: RigidBodyModel | None = None,
 ) -> PhysicalParameters:
     """Apply every method to the same flights.
@@ -141,8 +140,6 @@ def physical_parameters(
         kg.
     arm : float, optional
         m, for inertia in SI.
-    inertia : tuple of 3 float, optional
-        Of a pendulum, kg m^2: Kim 2017 takes it (with arm and mass) as given.
     rigid_body : RigidBodyModel, optional
         As fitted to these flights (`fit_rigid_body`), for its column.
     """
@@ -173,11 +170,10 @@ def physical_parameters(
         _of_refinement,
     )
     taken = refinement.time_constant if refinement is not None else lag or 0.0
-    given = inertia is not None and arm is not None and mass is not None
     kim = attempt(
         METHODS[1:2],
-        lambda: fit_kim2017(turned, mass, inertia=inertia, arm=arm, time_constant=taken, law=Law.COMMAND),
-        lambda model: _of_kim(model, given),
+        lambda: fit_kim2017(turned, mass, arm=arm, time_constant=taken, law=Law.COMMAND),
+        _of_kim,
     )
     if rigid_body is not None:
         attempt(METHODS[4:], lambda: rigid_body, _of_rigid_body)
@@ -255,18 +251,14 @@ def _of_thrust(model: ThrustModel) -> _Rows:
     yield "thrust over mass", "mean thrust", model.common.per_mass, model.common.sigma, model.common.reason
 
 
-def _of_kim(model: Kim2017Model, given: bool) -> _Rows:
-    """Name what Kim 2017 found; inertia is as `given` where a pendulum measured it."""
+def _of_kim(model: Kim2017Model) -> _Rows:
     yield "thrust over mass", "Kim 2017", model.common.per_mass, model.common.sigma, model.common.reason
     for axis, rate, lever, sigma in zip(("roll", "pitch"), ("w_x", "w_y"), model.lever, model.lever_sigma, strict=True):
-        why = (
-            SLOW if not model.rotation else "" if given else unexplained(model.explained[rate], "rate about this axis")
-        )
-        if not why and not given and not (lever > 0.0 and sigma < 0.15 * lever):
+        why = unexplained(model.explained[rate], "rate about this axis") if model.rotation else SLOW
+        if not why and not (lever > 0.0 and sigma < 0.15 * lever):
             why = "the craft hardly turns about this axis"
-        value, spread = (None, None) if why else (1.0 / lever, None if given else sigma / lever**2)
-        note = "as given (pendulum)" if given and not why else why
-        yield f"{axis} inertia over mass and arm", "Kim 2017", value, spread, note
+        value, spread = (None, None) if why else (1.0 / lever, sigma / lever**2)
+        yield f"{axis} inertia over mass and arm", "Kim 2017", value, spread, why
     torque, why = model.torque_per_inertia, "the craft hardly yaws by its motors" if model.rotation else SLOW
     yield "yaw torque over inertia", "Kim 2017", torque, model.torque_sigma, why if torque is None else ""
 
