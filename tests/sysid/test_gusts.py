@@ -12,7 +12,7 @@ from simulation.place import Wind
 from sysid import fit_rigid_body
 from sysid.rigid_body._filter_kernels import whiten
 from sysid.rigid_body.body_motion import SHARED, THETA, motion
-from sysid.rigid_body.systematic import form_and_attitude
+from sysid.rigid_body.systematic import folded, form_and_attitude
 from tests.forms import short_and_whole
 from tests.sysid.craft_flights import HOVER, flown, record
 
@@ -142,6 +142,23 @@ def test_what_only_answers_to_gusts_tells_no_curve():
     assert curve.value is None
     assert abs(curve.used - craft.drive.expo) < 2.0 * sigma
     assert model.parameters["thrust"].value is None
+
+
+def test_commands_that_fold_tell_neither_curve_nor_lag_well():
+    """A controller's answer to noise, sampled ten times a second, left full thrust 25 % low at a stated 6 %."""
+    seen = record(flown(quadcopter(), HOVER), np.random.default_rng(3))
+    every = round(0.1 / seen.dt)
+    rows = seen.t[::every]
+    slow = np.interp(seen.t, rows, seen.u[::every].mean(axis=1))
+    noisy = np.interp(seen.t, rows, 20.0 * np.random.default_rng(4).standard_normal(len(rows)))
+    climbs = np.interp(seen.t, rows, 20.0 * np.sin(2.0 * rows))
+    parts = []
+    for noise in (climbs, climbs + 0.3 * noisy, noisy):
+        moved = replace(seen, u=np.tile((slow + noise)[:, None], (1, seen.u.shape[1])))
+        parts.append(folded([motion(moved, seen.vehicle, None, joined=True)], PLAIN))
+    assert parts[0] < 0.03
+    assert parts[1] == pytest.approx(0.36 / (0.36 + 2.0), abs=0.1)
+    assert parts[2] > 0.7
 
 
 def test_attitude_of_telemetry_widens_drag():
