@@ -136,7 +136,7 @@ def test_a_yaw_gyro_of_another_scale_is_set_right(flight, truth, clean, factor):
     assert nees(result, truth)["attitude"] < 1.5
 
 
-@pytest.mark.parametrize("factor", thinned([1.0 / 9.80665, -1.0], 2))
+@pytest.mark.parametrize("factor", [1.0 / 9.80665, -1.0])
 def test_forces_of_another_unit_or_sign_are_no_bias(flight, factor):
     """In g instead of m/s^2 the craft seems to fall all the time, which a bias of 8.8 m/s^2 would explain."""
     imu = flight.tables.imu.copy()
