@@ -105,6 +105,7 @@ class Vehicle:
     spin_max: float = 0.95
     thrust_expo: float = 0.65
     battery_voltage_max: float = 0.0
+    battery_voltage_min: float = 0.0
 
     @property
     def other_craft(self) -> bool:

@@ -64,6 +64,7 @@ def describe(
         motors=motors,
         **asdict(pwm_range(parameters)),
         battery_voltage_max=_first(parameters, "MOT_BAT_VOLT_MAX", "MOT_THST_BAT_MAX"),
+        battery_voltage_min=_first(parameters, "MOT_BAT_VOLT_MIN", "MOT_THST_BAT_MIN"),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from enum import StrEnum
 
 from core.findings import Finding, Severity
 from core.parameter import Parameter
@@ -33,6 +34,23 @@ GRAVITY = (
 def gravity(happening: Finding) -> int:
     """Return the place of a happening among all, 0 for the gravest."""
     return GRAVITY.index(happening.id) if happening.id in GRAVITY else len(GRAVITY)
+
+
+class PhaseKind(StrEnum):
+    """What the craft did in a phase."""
+
+    GROUND = "ground"
+    FLIGHT = "flight"
+    FALL = "fall"
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A stretch of time in which the craft did one thing, s on the log's boot clock; None for an end of the log."""
+
+    kind: PhaseKind
+    start: float | None
+    stop: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +128,7 @@ class Account:
     """What happened in one flight, or in a log without one."""
 
     flight: Span | None
+    phases: tuple[Phase, ...] = ()
     #: What a pilot reads off; None where the log does not tell.
     height: Reading | None = None  #: Above the ground that the flight left, m.
     distance: Reading | None = None  #: Largest horizontal distance from the take-off, m.

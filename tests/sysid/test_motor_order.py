@@ -203,7 +203,7 @@ def test_commands_of_every_frame_come_back(frame_class, frame_type):
 
 def test_a_sagging_battery_is_no_thrust():
     """The autopilot raises PWM by the inverse of the voltage (MOT_BAT_VOLT_MAX), so that thrust stays."""
-    vehicle = framed("octa", "x", battery_voltage_max=25.2)
+    vehicle = framed("octa", "x", battery_voltage_max=25.2, battery_voltage_min=19.8)
     wanted, motors = mixed(vehicle, voltage_ratio=0.85)
     commands = project(motors, vehicle, np.full(len(motors), 0.85 * 25.2))
     np.testing.assert_allclose(commands["thrust"], wanted["thrust"], atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -17,7 +18,7 @@ from pipeline.flight.account.readings import RECOVERS, Readings
 from pipeline.flight.account.reports import reported_happenings
 from pipeline.flight.account.sensors import sensor_happenings
 from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
-from pipeline.results.account import Account
+from pipeline.results.account import Account, Phase, PhaseKind
 from pipeline.results.span import Span, around
 from sysid.rotors.motor_faults import too_slow
 
@@ -90,6 +91,7 @@ def account_of(readings: Readings) -> Account:
     sentence = headline(story, None if begun else flight) or uneventful(flight, height, distance, speed, seen=seen)
     return Account(
         flight=flight,
+        phases=_phases(readings, story),
         height=height,
         distance=distance,
         doubtful=doubtful,
@@ -167,6 +169,21 @@ def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...
         broke += [finding for finding in story if finding.id in ("control-lost", "lift-lost", "yaw-lost")]
     stop = min([flight.stop, *(finding.t - _MARGIN for finding in broke if finding.t is not None)])
     return Span(flight.start, max(stop, flight.start))
+
+
+def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]:
+    flight, belongs = readings.flight, readings.belongs
+    fall = next((finding.t for finding in story if finding.id in ("control-lost", "lift-lost")), None)
+    crashed = any(finding.id == "crash" for finding in story)
+    down = fall if crashed and fall is not None and flight.start < fall < flight.stop else flight.stop
+    phases = [Phase(PhaseKind.GROUND, _end(belongs.start), flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]
+    if down < flight.stop:
+        phases.append(Phase(PhaseKind.FALL, down, flight.stop))
+    return (*phases, Phase(PhaseKind.GROUND, flight.stop, _end(belongs.stop)))
+
+
+def _end(t: float) -> float | None:
+    return t if math.isfinite(t) else None
 
 
 def _on_the_ground(noted: tuple[Finding, ...], *, other: bool, high: bool) -> str:
