@@ -53,6 +53,9 @@ LADDERS: Mapping[str, tuple[float, ...]] = {
     "accel_bias_walk": (5e-5, 1.5e-4, 5e-4, 1.5e-3, 5e-3, 1.5e-2, 5e-2),
 }
 PRIORS = ("hard_iron", "gyro_bias", "accel_bias")
+#: Settings of a sensor that a log may lack. All their rungs are then alike, and rounding would choose among them: a
+#: compass that is not there might wander.
+OF_SENSOR: Mapping[str, str] = {"baro_wander": "baro", "hard_iron_walk": "mag", "hard_iron": "mag"}
 #: Ladder of the correlation time of the GPS error, s, and of the factor on the white variance of GPS positions.
 GPS_ERROR_SHARES = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.7, 0.98, 1.4, 2.0, 3.0)
 GPS_ERROR_TIMES = (30.0, 100.0, 300.0, 1000.0, 3000.0)
@@ -321,6 +324,8 @@ class _Search:
         # Levelled about the attitude that was found.
         problem = replace(problem, P=with_priors(replace(start, P=problem.P), self.noise, self.noise).P)
         for setting, ladder in LADDERS.items():
+            if OF_SENSOR.get(setting, "") not in {"", *self.lags}:
+                continue
             if setting == "baro_wander" and self.found.late_barometer:
                 # The filter that makes a barometer late hides its wander from the innovations.
                 ladder = ladder[-1:]
