@@ -386,8 +386,8 @@ def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Se
 
 
 def rate_times(messages: Messages) -> Array | None:
-    """Return the times of the rows of RATE [s], read without their values."""
-    t: Array = messages.part("RATE", ()).index.to_numpy(np.float64)
+    """Return the times of the table that `rates` makes of RATE [s], read without its values."""
+    t: Array = series(messages.part("RATE", ()).index, ()).index.to_numpy(np.float64)
     return t if len(t) else None
 
 

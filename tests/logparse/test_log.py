@@ -312,6 +312,10 @@ def test_times_are_those_of_the_table(at_once, deferred):
     for name in ("imu", "rates", "setpoints", "gps"):
         assert deferred.tables.times(name).tolist() == at_once[0].times(name).tolist()
     assert Tables().times("imu") is None
+    # RATE may have two rows of one time, of which the table has one.
+    log = read_log(LOG)
+    log.messages.replace("RATE", log.messages["RATE"].loc[np.repeat(log.messages["RATE"].index, 2)])
+    assert log.tables.times("rates").tolist() == at_once[0].times("rates").tolist()
 
 
 def test_copies_hold_what_was_deferred(deferred):
