@@ -28,8 +28,8 @@ def asked(request) -> list[Path]:
 
 @pytest.fixture(scope="module")
 def fleet(asked) -> FleetResult:
-    # One pole is enough to take every stage; the fits themselves are tested with sysid.
-    return analyze_fleet(asked, AnalysisConfig(poles=1, zeros=0), publish=reports.publish)
+    # One pole, and rows no more often than needed, take every stage; the fits themselves are tested with sysid.
+    return analyze_fleet(asked, AnalysisConfig(rate=10.0, poles=1, zeros=0), publish=reports.publish)
 
 
 @pytest.fixture(scope="module")
