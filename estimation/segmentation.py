@@ -166,7 +166,7 @@ def _fit(
     result = run(problem, keep=False)
     if not matched:
         return result.log_likelihood
-    return run(replace(problem, white_scale=matched_scale(problem, result)), keep=False).log_likelihood
+    return replace(problem, white_scale=matched_scale(problem, result)).log_likelihood
 
 
 def _likeliest(rivals: list[Segment], observations: Observations, place: Surroundings, noise: SensorNoise) -> Segment:

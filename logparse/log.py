@@ -8,7 +8,7 @@ from functools import cached_property
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Concatenate, ParamSpec, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Self, TypeVar, TypeVarTuple, overload
 
 import numpy as np
 import pandas as pd
@@ -59,7 +59,7 @@ _OUTPUTS, _DRIVEN = {"RCOU": ("C1", "Ch1", "Chan1"), "MOT": ("Mot1",), "SERVO_OU
 #: A flight of this part of the time that motors ran is taken for the longest.
 _IN_FLIGHT = 0.8
 
-Given = ParamSpec("Given")
+Given = TypeVarTuple("Given")
 Made = TypeVar("Made")
 
 
@@ -183,20 +183,17 @@ class FlightLog(Summarised):
             return self.path.name
         return f"{self.path.name}#{self._shown + 1}"
 
-    def derived(
-        self, make: Callable[Concatenate["FlightLog", Given], Made], *given: Given.args, **named: Given.kwargs
-    ) -> Made:
+    def derived(self, make: Callable[["FlightLog", *Given], Made], *given: *Given) -> Made:
         """Return what a function makes of this log and of further arguments, kept as tables are while there is room.
 
         Parameters
         ----------
         make : callable
             A module's function, whose result is not altered by those who ask for it.
-        *given, **named
+        *given
             Its further arguments, hashable.
         """
-        key = (make, self._shown, given, tuple(named.items()))
-        return self._kept.get(key, lambda: make(self, *given, **named))
+        return self._kept.get((make, self._shown, given), lambda: make(self, *given))
 
     def of_boot(self, boot: Boot) -> Self:
         """Return another power-up of the same file."""

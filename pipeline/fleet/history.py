@@ -38,7 +38,7 @@ def history(parameter: str, unit: str, methods: Mapping[str, Sequence[FlightPoin
         mean_sigma=mean_sigma,
         between=together.tau,
         heterogeneity=Heterogeneity(q=together.q, p=together.q_p, i2=together.i2),
-        trend=_trend(points, values, sigmas),
+        trend=_trend(points),
         step=_step(points, values, together),
         others={name: tuple(others) for name, others in methods.items() if name != method},
     )
@@ -52,7 +52,7 @@ def fit_change(points: Sequence[FlightPoint], step: int | None) -> MetaRegressio
     return meta_regression(values, sigmas, np.column_stack([np.ones(len(points)), x]))
 
 
-def _trend(points: Sequence[FlightPoint], values: Floats, sigmas: Floats) -> Trend | None:
+def _trend(points: Sequence[FlightPoint]) -> Trend | None:
     if len(points) < FEWEST:
         return None
     per_flight, sigma, p = fit_change(points, None).test([0.0, 1.0])

@@ -211,6 +211,8 @@ def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
 
 def _no_finer(column: pd.Series[float], states: pd.DataFrame) -> pd.Series[float]:
     """Keep rows of a target about as far apart as those of the trajectory: the table has them at its fastest rate."""
+    if len(column) < 2 or len(states) < 2:
+        return column
     ours, theirs = (float(np.median(np.diff(table.index))) for table in (column, states))
     return column.iloc[:: max(round(theirs / ours), 1)]
 

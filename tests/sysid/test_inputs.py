@@ -190,6 +190,7 @@ def test_a_motor_lost_for_a_while_ends_the_piece():
         (Tables(rates=rates(out_thrust=T * np.nan)), "rate_outputs", "CTUN"),
         (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*navigation tuning"),
         (Tables(setpoints=setpoints(p_d=T)), "reference", "no position targets"),
+        (Tables(setpoints=hold(T[T > 55.0][:1])), "reference", "no position targets"),
         (Tables(), "velocity_reference", "no velocity targets"),
         (Tables(setpoints=hold(T[T > 55.0])), "reference", "no position targets in flight"),
         (Tables(setpoints=hold(T[T > 49.6])), "reference", "overlap in flight for 0.[34] s only"),
