@@ -1,5 +1,6 @@
 """Simulated flights with known truth: a smooth multirotor path and the sensors of a small autopilot that saw it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -58,6 +59,17 @@ class Flight:
     def settled(self, after: float = 15.0) -> pd.DataFrame:
         """Return the truth from when the craft has taken off and its heading has been found, s."""
         return self.truth[self.truth.index > after]
+
+
+def each(tables: Tables, change: Callable[[pd.DataFrame], pd.DataFrame]) -> Tables:
+    """Return the tables of a flight with every sensor's changed alike."""
+    names = ("imu", "gps", "baro", "mag", "attitude")
+    return tables.changed(**{name: change(getattr(tables, name)) for name in names})
+
+
+def later(tables: Tables, start: float) -> Tables:
+    """Return the log as if it had been started in the air."""
+    return each(tables, lambda table: table[table.index > start])
 
 
 def _path(rng: np.random.Generator, duration: float, still: float, heading: float) -> tuple[np.ndarray, ...]:

@@ -24,17 +24,19 @@ from tests.estimation.simulated_flight import PLACE, Sensors, fly
 NOISE = SensorNoise(gps_jitter=0.0, baro_jitter=0.0, mag_jitter=0.0, range_jitter=0.0, terrain_walk=0.0)
 
 
+def posed(tables, outputs):
+    """Return a function that poses the problem of a flight with rows at these times [s]."""
+    frame = LocalFrame.at(PLACE)
+    signal = InertialSignal.of(tables.imu, tables.parameters, (NOISE.gyro, NOISE.accel))
+    start = align(tables, tables.imu, frame, world_field(PLACE, {}, None).ned, NOISE)
+    observations, world = observe(tables, frame, NOISE), World(frame.gravity, frame.earth_rate)
+    return lambda: assemble(signal, observations, outputs, start.x, start.P, world, NOISE)
+
+
 @pytest.fixture(scope="module")
 def problem():
     flight = fly(3, duration=24.0, sensors=Sensors(second_gps=True, range_finder=0.05))
-    frame = LocalFrame.at(PLACE)
-    field = world_field(PLACE, {}, None).ned
-    imu = flight.tables.imu
-    signal = InertialSignal.of(imu, flight.tables.parameters, (NOISE.gyro, NOISE.accel))
-    start = align(flight.tables, imu, frame, field, NOISE)
-    outputs = np.arange(1.0, 23.0, 0.5)
-    world = World(frame.gravity, frame.earth_rate)
-    return assemble(signal, observe(flight.tables, frame, NOISE), outputs, start.x, start.P, world, NOISE)
+    return posed(flight.tables, np.arange(1.0, 23.0, 0.5))()
 
 
 def test_what_a_piece_leaves_to_the_next_is_symmetric(problem):
@@ -150,20 +152,9 @@ def test_memory_does_not_hold_the_covariance_of_every_imu_sample():
 
     def peak(imu_rate):
         flight = fly(3, duration=30.0, sensors=Sensors(imu_rate=imu_rate))
-        frame = LocalFrame.at(PLACE)
-        signal = InertialSignal.of(flight.tables.imu, flight.tables.parameters, (NOISE.gyro, NOISE.accel))
-        start = align(flight.tables, flight.tables.imu, frame, world_field(PLACE, {}, None).ned, NOISE)
-        observations = observe(flight.tables, frame, NOISE)
+        pose = posed(flight.tables, np.arange(1.0, 29.0, 0.1))
         tracemalloc.start()
-        problem = assemble(
-            signal,
-            observations,
-            np.arange(1.0, 29.0, 0.1),
-            start.x,
-            start.P,
-            World(frame.gravity, frame.earth_rate),
-            NOISE,
-        )
+        problem = pose()
         smooth(problem, run(problem))
         _, most = tracemalloc.get_traced_memory()
         tracemalloc.stop()

@@ -40,7 +40,7 @@ def test_sigmas_stay_honest_with_everything_there():
     ratios = []
     for seed in range(60, 66):
         flight = fly(seed, duration=120.0, sensors=Sensors(second_gps=True, range_finder=0.03))
-        ratios.append(nees(estimate(flight.tables), flight.settled()))
+        ratios.append(nees(estimate(flight.tables, rate=10.0), flight.settled()))
     for name, high in (("position", 1.6), ("velocity", 1.3), ("attitude", 1.6)):
         assert 0.4 < np.mean([ratio[name] for ratio in ratios]) < high
 

@@ -1,6 +1,7 @@
 """Heights that swing, sink or wash, and errors where GPS stays away."""
 
-import csv
+from collections.abc import Iterator
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -47,14 +48,17 @@ def test_a_receiver_that_sinks_for_minutes_takes_no_height_away(flight):
     assert np.ptp(gained[result.states.index > 15.0]) < 1.5
 
 
-def read_heights() -> list[tuple[str, str, float, float, float]]:
-    """Return file, flight, lift-off, touch-down and barometer height of the readings that are sure."""
-    if not REAL.exists():
-        return []
-    with (REAL / "readings.tsv").open(encoding="utf-8") as file:
-        rows = [r for r in csv.DictReader(file, delimiter="\t") if r["sure"] == "high" and r["height_baro_m"]]
-    names = ("takeoff_s", "landing_s", "height_baro_m")
-    return [(r["file"], r["flight"], *(float(r[n] or "nan") for n in names)) for r in rows if r["takeoff_s"]]
+def read_heights() -> Iterator[tuple[str, str, float, float, float]]:
+    """Yield file, flight, lift-off, touch-down and barometer height of the readings that are sure, of every other file.
+
+    `benchmarks real_logs` asks all.
+    """
+    table = pd.read_csv(REAL / "readings.tsv", sep="\t", dtype={"flight": str})
+    sure = table[(table["sure"] == "high") & table["height_baro_m"].notna() & table["takeoff_s"].notna()]
+    for file in sorted(set(sure["file"]))[::2]:
+        yield from sure.loc[
+            sure["file"] == file, ["file", "flight", "takeoff_s", "landing_s", "height_baro_m"]
+        ].itertuples(index=False, name=None)
 
 
 def gained(height: pd.Series, takeoff: float, landing: float) -> float:
@@ -68,17 +72,15 @@ def gained(height: pd.Series, takeoff: float, landing: float) -> float:
 @pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/logs/real")
 def test_heights_of_real_flights_are_those_that_were_read():
     """Within 1.1 m or 10 % of the barometer, which the readings call credible; it was off by up to 70 %."""
-    measured, estimated = {}, {}
+    estimated, measured = cache(lambda file: estimate(read_log(REAL / file).tables)), {}
     for file, number, takeoff, landing, read in read_heights():
-        if file not in estimated:
-            estimated[file] = estimate(read_log(REAL / file).tables)
-        result = estimated[file]
+        result = estimated(file)
         height = -result.states["p_d"]
         if not (height.index[0] < takeoff and landing < height.index[-1] + 5.0) or result.inconsistency:
             continue
         off = gained(height, takeoff, landing) - read
         measured[file, number] = abs(off) < max(1.1, 0.1 * read)
-    assert len(measured) > 18
+    assert len(measured) > 9
     assert {case for case, right in measured.items() if not right} <= BEYOND
 
 

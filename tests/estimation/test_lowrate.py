@@ -41,12 +41,9 @@ def trajectory(telemetry) -> Trajectory:
 def test_telemetry_at_four_hertz(flight, trajectory):
     assert trajectory.method == "low-rate"
     assert [f.id for f in trajectory.findings] == ["not-logged"]
-    error = compare(trajectory, flight.truth[flight.truth.index > 10.0])
-    assert error.horizontal_position < 0.12
-    assert error.horizontal_velocity < 0.15
-
-
-def test_sigma_covers_the_error(flight, trajectory):
+    rms = compare(trajectory, flight.truth[flight.truth.index > 10.0])
+    assert rms.horizontal_position < 0.12
+    assert rms.horizontal_velocity < 0.15
     error = errors(trajectory, flight.truth[flight.truth.index > 10.0])
     sigma = trajectory.sigma.reindex(error.index, method="nearest")
     # The position error is one throw of the GPS's, which hardly wanders in 90 s; velocity errors are many.

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from simulation import elhesasy2024, fly, propagate
+from simulation import elhesasy2024, fly
 from simulation._kernels import actuator, drive_speed
 from simulation.atmosphere import Atmosphere
 from simulation.drive import Battery, Drive, FirstOrder, drive_parameters
@@ -69,14 +69,6 @@ def test_chirps_move_their_axis_only(axis):
     else:
         assert moved.argmax() == CHIRP_AXES.index(axis)
         assert np.sort(moved)[-2] < 0.2 * moved.max()
-
-
-def test_rotor_speed_steps_with_the_first_order_lag():
-    start = np.zeros(13 + 8)
-    start[6] = 1.0
-    flight = propagate(OCTA, start, lambda t, x: np.full(8, 700.0), 0.2, gravity=0.0)
-    expected = 700.0 * (1.0 - np.exp(-flight.index.to_numpy() / 0.04))
-    assert np.abs(flight["w1"] - expected).max() < 1e-4
 
 
 def test_thrust_follows_the_curve_that_the_autopilot_inverts():

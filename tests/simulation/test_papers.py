@@ -28,22 +28,6 @@ def test_input_matrix_is_eq_23_but_for_the_yaw_row():
     assert kim2017.PRINTED_INPUT[2] / B[4] == pytest.approx(np.full(4, 1 / 0.3048), rel=0.02)
 
 
-def test_linear_model_is_the_slope_of_the_nonlinear_one():
-    """Angular acceleration after a microsecond with one rotor 1 rad/s faster, against the columns of B."""
-    craft, trim = kim2017.quadcopter(), kim2017.at_voltage(kim2017.TRIM_SPEEDS, 16.0)
-    _, B = model()
-
-    def acceleration(speeds):
-        start = np.concatenate((np.zeros(6), [1.0], np.zeros(6), speeds))
-        end = propagate(craft, start, lambda t, x: speeds, 1e-6, dt=1e-6).iloc[-1]
-        return end[["w_x", "w_y", "w_z"]].to_numpy() * 1e6
-
-    for motor in range(4):
-        step = np.eye(4)[motor]
-        slope = (acceleration(trim + step) - acceleration(trim - step)) / 2.0
-        assert slope == pytest.approx(B[2:, motor], rel=1e-4, abs=1e-8)
-
-
 def test_gain_is_eq_25():
     """The unrounded model gives the printed gain to 0.2 % in angles and integrals, 0.6 % in roll and pitch rate.
 
@@ -104,17 +88,6 @@ def test_drive_keeps_the_printed_limits():
     down = spin_up(DRIVE, 0.0, duration=1.5)
     assert down.min() >= -0.05
     assert np.diff(down).min() / 1e-4 >= -500.0 - 1e-6
-
-
-def test_printed_senses_of_rotation_leave_yaw_without_control():
-    """1 and 3 clockwise, 2 and 4 against, with 1-2 and 3-4 on the beams: the allocation has rank three."""
-    arms = np.array([mount.position for mount in CRAFT.rotors])
-
-    def allocation(spins):
-        return np.vstack((np.ones(4), -arms[:, 1], arms[:, 0], -0.016 * np.array(spins)))
-
-    assert np.linalg.matrix_rank(allocation([1, -1, 1, -1])) == 3
-    assert np.linalg.matrix_rank(allocation([mount.spin for mount in CRAFT.rotors])) == 4
 
 
 @pytest.mark.parametrize("flight", [VERTICAL, SPATIAL, WITH_WIND], ids=["vertical", "spatial", "with wind"])

@@ -13,6 +13,7 @@ from pymavlink import mavutil
 from logparse import read_log
 from simulation import FLIGHTS, fly, write_sample_logs
 from simulation.sample_logs import DAMAGED, DAMAGED_FLIGHT
+from sysid.frequency import fit, response
 from tests.paths import SAMPLES
 
 NAMES = list(FLIGHTS)
@@ -131,42 +132,17 @@ def test_a_motor_that_stops_brings_the_craft_down(logs, truths):
     assert rpm[(motor == 1) & (t > 1e6 * (loss["t_s"] + 0.5))].max() < 1.0
 
 
-def test_chirps_move_the_craft_as_its_inertia_says(logs, truths):
-    """Roll acceleration per normalised torque, from RATE at 200 Hz around 5 Hz, against rotors, arms and inertia.
-
-    Two lags are known and taken out: the rotors' and the gyro filter's.
-    """
-    truth, log = truths["quad02_delft_systemid"], logs["quad02_delft_systemid"]
-    (chirp,) = [one for one in truth["chirps"] if one["axis"] == "mixer roll"]
-    t, rate = column(log, "RATE", "R")
-    t_sid, target, frequency = column(log, "SIDD", "Targ", "F")
-    _, out = column(log, "RATE", "ROut")
-    since = t_sid * 1e-6 - chirp["start_s"]
-    during = (since >= 0.0) & (since < chirp["duration_s"]) & (frequency > 4.0) & (frequency < 6.0)
-    first, last = t_sid[during][[0, -1]]
-    inside = (t >= first) & (t <= last)
-    torque = out[inside]
-    added = np.interp(t[inside], t_sid, target)
-    # As in ArduPilot, RATE holds what the mixer gets: controller and chirp together.
-    assert np.corrcoef(torque, added)[0, 1] > 0.5
-    window = np.hanning(inside.sum())
-    dt = 1.0 / 200.0
-    f = np.fft.rfftfreq(4 * inside.sum(), dt)
-    band = (f > 4.3) & (f < 5.7)
-    u, y = (np.fft.rfft(window * (v - v.mean()), 4 * inside.sum())[band] for v in (torque, np.radians(rate[inside])))
-    s = 2j * np.pi * f[band]
+def test_chirps_move_the_craft_as_its_inertia_says(truths):
+    """Roll acceleration per normalised torque, as identified, against rotors, arms and inertia."""
+    truth = truths["quad02_delft_systemid"]
+    gain = fit(response(read_log(SAMPLES / "quad02_delft_systemid.bin"), "roll")).parameters["gain"]
     vehicle = truth["vehicle"]
-    corner = 2.0 * np.pi * truth["sensors"]["imu_filter_hz"]
-    gyro = corner**2 / (s**2 + math.sqrt(2.0) * corner * s + corner**2)
-    measured = np.abs(
-        (y * np.conj(u)).sum() / (gyro / s * np.abs(u) ** 2 / (1.0 + vehicle["time_constant_s"] * s)).sum()
-    )
     arms = np.array([motor["position_frd_m"] for motor in vehicle["motors"]])
     # Thrust per unit of the mixer about hover: it is linear in the command, up to the battery's sag.
     sag = (vehicle["battery"]["voltage_airborne_mean_v"] / vehicle["voltage_reference_v"]) ** 2
     density = truth["place"]["air_density_airborne_mean_kg_m3"] / vehicle["reference_density_kg_m3"]
     per_unit = vehicle["thrust_max_per_motor_n"] * sag * density * 0.5 * np.abs(arms[:, 1]).sum()
-    assert measured == pytest.approx(per_unit / vehicle["inertia_kg_m2"][0][0], rel=0.06)
+    assert gain.value == pytest.approx(per_unit / vehicle["inertia_kg_m2"][0][0], rel=0.06)
 
 
 def test_the_damaged_log_gives_what_is_left_of_it(truths):
