@@ -3,20 +3,17 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
-
-import scipy
 
 import estimation
 import logparse
 import sysid
 from core.findings import gathered
-from logparse import Boot, Finding, FlightLog, MissingDataError, RotoridError, Severity, Tables, completeness
+from logparse import Boot, Finding, FlightLog, MissingDataError, RotoridError, completeness
 from pipeline.config import SHORTEST, AnalysisConfig
-from pipeline.execution import executors
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
 from pipeline.execution.workload import Workload
+from pipeline.flight import without_trajectory
 from pipeline.flight.account import tell
 from pipeline.flight.account.account import account_of
 from pipeline.flight.account.readings import Readings
@@ -26,9 +23,8 @@ from pipeline.flight.craft import fingerprint, tune_of
 from pipeline.flight.identification import compare_parameters, identify, without_model
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.flight.next_flights import for_flight
-from pipeline.flight.rotation import find_rotation
 from pipeline.flight.signals import flight_signals
-from pipeline.flight.training import busiest, part_findings
+from pipeline.flight.training import busiest, loss_findings, part_findings
 from pipeline.names import flight_name, printable
 from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage, LoggedRate
@@ -38,25 +34,14 @@ from pipeline.results.rotation import RotationResult
 from pipeline.results.signals import FlightSignals
 from pipeline.results.span import Span
 from pipeline.storage.sources import digest
-from sysid.autopilot.gathering import batch_values, body_values, feed_forward, gain_values
+from sysid.autopilot.gathering import batch_values, body_values, feed_forward
 from sysid.autopilot.values import AutopilotValue
-from sysid.loops.loop import KnownLoops
 from sysid.loops.settings import firmware_version
-from sysid.loops.tuning import tune_known
-from sysid.rotors.motor_faults.outputs import check_outputs
-from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
-from sysid.rotors.steady_trims import SteadyTrims
 from sysid.rotors.thrust import thrust_changes
 from sysid.rotors.thrust_regression import THRUST_CHANGED
 
-#: Stages that take time beside the others where a log is analysed alone.
-ASIDE = ("rotation",)
-
 #: In the place of what is not identified yet.
 _FOLLOWS = Failure("models", "being identified")
-
-#: What motor outputs tell: their trims, and whether they are in order and none is weak.
-_Motors = tuple[SteadyTrims | None, tuple[Finding, ...]]
 
 
 def analyze(
@@ -158,16 +143,98 @@ def _analyze(
     flight = stages.run("flight", lambda _: _flight(log, checked))
     if isinstance(progress, Overall):
         expected = Workload.of(log, present(flight)).seconds()
-        progress.expect({stage: time for stage, time in expected.items() if not (alone and stage in ASIDE)})
+        progress.expect(
+            {stage: time for stage, time in expected.items() if not (alone and stage in without_trajectory.STAGES)}
+        )
     account, signals = _account_and_lines(log, flight, stages)
     # Now that the inertial sensors' table is there: built again for its times alone, it takes a second of a long log.
     rates = (
         None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
     )
-    simulated = tables.truth is not None
-    begun = FlightResult(
+    begun = _begun(log, name, sha256, config, flight, account, signals)
+    if announce is not None:
+        announce(replace(begun, answer=compose_answer(begun)))
+    sound = flight if isinstance(account, Failure) or account.sound is None else account.sound
+    part = sound if isinstance(sound, Failure) else stages.run("account", lambda _: busiest(log, sound))
+    # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
+    pending = without_trajectory.begin(log, sound, part, progress, config.time_limit, alone=alone)
+    if isinstance(trajectories.get(log.boot), Failure | None):
+        trajectories[log.boot] = stages.run(
+            "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
+        )
+    estimated = trajectories[log.boot]
+    # What contradicts its own sensors is no result; what it found out about them is.
+    contradicted = isinstance(estimated, estimation.Trajectory) and estimated.inconsistency
+    trajectory = Failure("trajectory", contradicted) if contradicted else estimated
+    if isinstance(flight, Failure) and isinstance(trajectory, Failure):
+        stages.raise_unforeseen("flight", "trajectory")
+        raise MissingDataError(f"{flight.reason}; no trajectory either: {trajectory.reason}")
+
+    fitted = _fit(log, trajectory, flight, part, config, name, stages)
+
+    coverage = _measured(log, trajectory, flight, fitted, present(account), rates, stages)
+    independent = pending()
+    stages.take(independent.stages)
+
+    # Findings about the fits stay with their models; those of the experiments are about the log.
+    known = len(stages.findings)
+    result = replace(
+        begun,
+        trajectory=trajectory,
+        experiments=fitted.experiments,
+        models=fitted.models,
+        thrust=fitted.thrust,
+        parameters=fitted.parameters,
+        coverage=coverage,
+        trims=independent.trims,
+        rotation=independent.rotation,
+        autopilot=(
+            *(present(stages.run("advice", lambda _: _autopilot(log, fitted, independent.rotation, config))) or ()),
+            *independent.gains,
+        ),
+        findings=(
+            *log.findings,
+            *checked,
+            *(() if isinstance(account, Failure) else loss_findings(account)),
+            *(part_findings(sound, part) if isinstance(sound, Span) and isinstance(part, Span) else ()),
+            *findings_of(independent.rotation),
+            *independent.motor_findings,
+            *findings_of(estimated, fitted.thrust, fitted.parameters, *fitted.experiments.values()),
+            *stages.findings,
+        ),
+        timings=stages.timings,
+    )
+    advice = present(stages.run("advice", lambda _: for_flight(result)))
+    result = replace(result, advice=advice or (), findings=gathered((*result.findings, *stages.findings[known:])))
+    return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
+
+
+def _begun(
+    log: FlightLog,
+    name: str,
+    sha256: str,
+    config: AnalysisConfig,
+    flight: Span | Failure,
+    account: Account | Failure,
+    signals: FlightSignals | Failure,
+) -> FlightResult:
+    """Return the result as it is when it is known what happened and nothing is identified."""
+    tables, simulated = log.tables, log.tables.truth is not None
+    facts = LogFacts(
+        file=log.path.name,
+        bytes=log.path.stat().st_size,
+        sha256=sha256,
+        format=log.format,
+        duration_s=log.duration,
+        start_utc=None if log.start_utc is None else log.start_utc.isoformat(),
+        boots=len(log.boots),
+        flights=tuple(Span(flown.start, flown.stop) for flown in log.flights),
+        flight_number=1,
+        flight_count=1,
+    )
+    return FlightResult(
         name=name,
-        log=_facts(log, sha256),
+        log=facts,
         vehicle=log.vehicle,
         craft=fingerprint(log.vehicle, log.parameters, simulated=simulated),
         tune=tune_of(log.vehicle, log.parameters),
@@ -187,73 +254,6 @@ def _analyze(
         signals=signals,
         findings=log.findings,
     )
-    if announce is not None:
-        announce(replace(begun, answer=compose_answer(begun)))
-    sound = flight if isinstance(account, Failure) or account.sound is None else account.sound
-    part = sound if isinstance(sound, Failure) else stages.run("account", lambda _: busiest(log, sound))
-    # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
-    apart = Stages(silent if alone else progress, config.time_limit)
-    aside = (_in_a_copy if alone else _at_once)(partial(_without_trajectory, log, sound, part, apart))
-    if isinstance(trajectories.get(log.boot), Failure | None):
-        trajectories[log.boot] = stages.run(
-            "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
-        )
-    estimated = trajectories[log.boot]
-    # What contradicts its own sensors is no result; what it found out about them is.
-    contradicted = isinstance(estimated, estimation.Trajectory) and estimated.inconsistency
-    trajectory = Failure("trajectory", contradicted) if contradicted else estimated
-    if isinstance(flight, Failure) and isinstance(trajectory, Failure):
-        stages.raise_unforeseen("flight", "trajectory")
-        raise MissingDataError(f"{flight.reason}; no trajectory either: {trajectory.reason}")
-
-    fitted = _fit(log, trajectory, flight, part, config, name, stages)
-
-    coverage = _measured(log, trajectory, flight, fitted, present(account), rates, stages)
-    done = aside()
-    stages.take(done.stages)
-    trims, of_motors = (None, ()) if isinstance(done.motors, Failure) else done.motors
-
-    # Findings about the fits stay with their models; those of the experiments are about the log.
-    known = len(stages.findings)
-    result = replace(
-        begun,
-        trajectory=trajectory,
-        experiments=fitted.experiments,
-        models=fitted.models,
-        thrust=fitted.thrust,
-        parameters=fitted.parameters,
-        coverage=coverage,
-        trims=trims,
-        rotation=done.rotation,
-        autopilot=(
-            *(present(stages.run("advice", lambda _: _autopilot(log, fitted, done.rotation, config))) or ()),
-            *done.gains,
-        ),
-        findings=(
-            *log.findings,
-            *checked,
-            *(() if isinstance(account, Failure) else _left_out(account)),
-            *(part_findings(sound, part) if isinstance(sound, Span) and isinstance(part, Span) else ()),
-            *findings_of(done.rotation),
-            *of_motors,
-            *findings_of(estimated, fitted.thrust, fitted.parameters, *fitted.experiments.values()),
-            *stages.findings,
-        ),
-        timings=stages.timings,
-    )
-    advice = present(stages.run("advice", lambda _: for_flight(result)))
-    result = replace(result, advice=advice or (), findings=gathered((*result.findings, *stages.findings[known:])))
-    return replace(result, answer=stages.run("answer", lambda _: compose_answer(result)))
-
-
-@dataclass(frozen=True, slots=True)
-class _WithoutTrajectory:
-    """What a flight tells without its trajectory."""
-
-    rotation: RotationResult | Failure
-    gains: tuple[AutopilotValue, ...]  #: That are proposed to the autopilot.
-    motors: _Motors | Failure
-    stages: Stages
 
 
 def _account_and_lines(
@@ -265,42 +265,6 @@ def _account_and_lines(
     readings = Readings.of(log, flight)
     account = stages.run("account", lambda _: account_of(readings))
     return account, stages.run("account", lambda _: flight_signals(readings))
-
-
-def _without_trajectory(
-    log: FlightLog, sound: Span | Failure, part: Span | Failure, stages: Stages
-) -> _WithoutTrajectory:
-    """Look at what needs no trajectory: how the craft turns, and its motors."""
-    if isinstance(sound, Failure):
-        return _WithoutTrajectory(sound, (), sound, stages)
-    found = part if isinstance(part, Failure) else stages.run("rotation", lambda _: find_rotation(log, part))
-    rotation, gains = (found, ()) if isinstance(found, Failure) else (found[0], _gains(log, *found, stages))
-    del found
-    motors = stages.run("account", lambda _: _motors(log, log.tables, sound))
-    # What was unforeseen is among the findings; errors may not pass to another process.
-    return _WithoutTrajectory(rotation, gains, motors, replace(stages, progress=silent, unforeseen={}))
-
-
-def _gains(log: FlightLog, rotation: RotationResult, known: KnownLoops, stages: Stages) -> tuple[AutopilotValue, ...]:
-    """Return the gains that chirps propose to the autopilot, from the loops whose margins the rotation has.
-
-    Of ordinary flights `rotorid tune` tells them: without chirps most are refused.
-    """
-    if not any(axis.loop is not None and not axis.loop.ordinary for axis in rotation.axes):
-        return ()
-    proposed = stages.run("advice", lambda _: tuple(gain_values(tune_known(log, known), log.parameters_flown)))
-    return present(proposed) or ()
-
-
-def _in_a_copy(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
-    # What both processes will need is imported before there are two.
-    _ = scipy.optimize, scipy.fft
-    return executors.begin(work)
-
-
-def _at_once(work: Callable[[], _WithoutTrajectory]) -> Callable[[], _WithoutTrajectory]:
-    done = work()
-    return lambda: done
 
 
 @dataclass(frozen=True, slots=True)
@@ -324,11 +288,11 @@ def _fit(
 ) -> _Fitted:
     """Fit every kind of model to the beginning of the flight's part that models are of, and validate it on the rest."""
     if isinstance(flight, Failure):
-        return _nothing(flight)
+        return _nothing_fitted(flight.reason)
     if isinstance(part, Failure):
-        return _nothing(part)
+        return _nothing_fitted(part.reason)
     if isinstance(trajectory, Failure):
-        return _nothing(trajectory)
+        return _nothing_fitted(trajectory.reason)
     thrust: sysid.ThrustModel | Failure = Failure("thrust", "no kind of model uses motor outputs")
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []
@@ -350,7 +314,7 @@ def _fit(
         else:
             models.append(identify(kind, [training], [held_out], config, stages, flight=name))
     if not experiments:
-        return _nothing(models[0].model)
+        return _nothing_fitted(models[0].report.missing)
     body = None if unfit else experiments.get(RIGID_BODY_KEY)
     compared = [] if body is None else [body.split(config.training_fraction)[0]]
     return _Fitted(thrust, compare_parameters(compared, models, config, stages), experiments, tuple(models))
@@ -369,10 +333,9 @@ def _thrust(
     return stages.run("thrust", fit)
 
 
-def _nothing(why: object) -> _Fitted:
+def _nothing_fitted(reason: str) -> _Fitted:
     """Return that nothing was fitted, since there is no flight, trajectory or experiment."""
-    assert isinstance(why, Failure)
-    failure = Failure("experiment", why.reason)
+    failure = Failure("experiment", reason)
     return _Fitted(failure, failure)
 
 
@@ -416,22 +379,7 @@ def _autopilot(
     return tuple(values)
 
 
-def _left_out(account: Account) -> tuple[Finding, ...]:
-    """Explain which part of the flight serves no models, and why."""
-    cause, sound = account.cause, account.sound
-    if account.flight is None or cause is None or sound is None or sound.stop >= account.flight.stop:
-        return ()
-    return (
-        Finding(
-            "part-excluded",
-            Severity.WARNING,
-            f"From {sound.stop:.1f} s on nothing trains or judges models: {cause.reason}",
-            evidence={"from_s": sound.stop, "event": cause.id, "event_s": cause.t},
-        ),
-    )
-
-
-def _flight(log: FlightLog, checked: tuple[Finding, ...]) -> Span:
+def _flight(log: FlightLog, checked: Sequence[Finding]) -> Span:
     if log.flight is None:
         reasons = [finding.reason for finding in checked if finding.id == "no-flight"]
         raise MissingDataError(reasons[0].rstrip(".") if reasons else "The craft is no multirotor")
@@ -470,40 +418,3 @@ def _record(
         return whole
 
     return stages.run("experiment", cut)
-
-
-def _motors(log: FlightLog, tables: Tables, sound: Span) -> _Motors:
-    """Hold motor outputs against the mixer, and against one another, as far as the log has what that takes.
-
-    What trims say of a motor must hold in the other flights of the log too.
-    """
-    vehicle, beside = log.vehicle, []
-    with suppress(MissingDataError):
-        # Of outputs in another order trims tell nothing.
-        if findings := check_outputs(tables, vehicle, sound.start, sound.stop):
-            return None, findings
-    trims: SteadyTrims | None = None
-    with suppress(MissingDataError):
-        trims = steady_trims(tables, vehicle, sound.start, sound.stop)
-    if trims is None:
-        return None, ()
-    for other in log.flights:
-        if other != log.flight:
-            with suppress(MissingDataError):
-                beside.append(steady_trims(tables, vehicle, other.start, other.stop))
-    return trims, weak_from_start(trims, [neighbour for neighbour in beside if neighbour is not None])
-
-
-def _facts(log: FlightLog, sha256: str) -> LogFacts:
-    return LogFacts(
-        file=log.path.name,
-        bytes=log.path.stat().st_size,
-        sha256=sha256,
-        format=log.format,
-        duration_s=log.duration,
-        start_utc=None if log.start_utc is None else log.start_utc.isoformat(),
-        boots=len(log.boots),
-        flights=tuple(Span(flight.start, flight.stop) for flight in log.flights),
-        flight_number=1,
-        flight_count=1,
-    )

@@ -1,6 +1,7 @@
-"""What trains models: flights of accurate position that move enough, and of a very long one its busiest part.
+"""Which flights train models, and which part of them.
 
-There the most was asked of the craft.
+A flight trains if its position is accurate and it moves enough. Of it serves the part before a motor failed or the
+craft was lost, and of a very long flight the half hour in which most was asked of the craft.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import numpy as np
 
 from logparse import Finding, FlightLog, Severity
 from logparse.canonical.series import wrap
+from pipeline.results.account import Account
 from pipeline.results.fleet import Exclusion, FlightEntry, TrainingExclusion
 from pipeline.results.span import Span
 
@@ -77,7 +79,7 @@ _SHIFT = 0.1
 def busiest(log: FlightLog, sound: Span) -> Span:
     """Return the `LONGEST` seconds in which attitude targets moved most; all of a flight that is not longer.
 
-    Chirps may lie anywhere: a flight with some counts as a whole.
+    A flight with chirps, which may be anywhere, is used as a whole.
     """
     if sound.stop - sound.start <= LONGEST or log.tables.has("systemid"):
         return sound
@@ -94,8 +96,23 @@ def busiest(log: FlightLog, sound: Span) -> Span:
     return Span(begin, begin + LONGEST)
 
 
+def loss_findings(account: Account) -> tuple[Finding, ...]:
+    """Explain from when on a flight serves no models because a motor failed or the craft was lost; empty if neither."""
+    cause, sound = account.cause, account.sound
+    if account.flight is None or cause is None or sound is None or sound.stop >= account.flight.stop:
+        return ()
+    return (
+        Finding(
+            "part-excluded",
+            Severity.WARNING,
+            f"From {sound.stop:.1f} s on nothing trains or judges models: {cause.reason}",
+            evidence={"from_s": sound.stop, "event": cause.id, "event_s": cause.t},
+        ),
+    )
+
+
 def part_findings(sound: Span, part: Span) -> tuple[Finding, ...]:
-    """Explain which part of a long flight, which is `busiest`, models are made of."""
+    """Explain of which part of a long flight, as `busiest` chose it, models are made; empty if of all of it."""
     if part == sound:
         return ()
     return (
