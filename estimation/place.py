@@ -9,17 +9,13 @@ from pygeomag import GeoMag
 from pymap3d import rcurve
 
 from logparse import Geodetic
+from logparse.craft.vehicle import is_simulated
 
 #: Radius of the sphere on which ArduPilot (and its simulator's world) measures north and east, m
 #: (AP_Common/Location: 0.011131884502145034 m per 1e-7 degree).
 ARDUPILOT_RADIUS = 0.011131884502145034e7 * 180.0 / np.pi
 #: Earth's rotation rate, rad/s (WGS84).
 EARTH_RATE = 7.292115e-5
-
-
-def is_simulated(parameters: Mapping[str, float]) -> bool:
-    """Return whether a log is of the firmware's own simulator, from the parameters that only such a build has."""
-    return any(name.startswith("SIM_") for name in parameters)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,8 +98,8 @@ def world_field(place: Geodetic, parameters: Mapping[str, float], date: datetime
     The world of the firmware's simulator has the field of the autopilot's tables, which differs from the model's by up
     to 0.5 uT and, where declination changes fast, a degree.
     """
-    logged = parameters.get("COMPASS_DEC", 0.0)
-    if is_simulated(parameters):
+    logged, simulated = parameters.get("COMPASS_DEC", 0.0), is_simulated(parameters)
+    if simulated:
         elements, source = _table(place), "autopilot table"
     else:
         year = _DEFAULT_YEAR
@@ -112,7 +108,7 @@ def world_field(place: Geodetic, parameters: Mapping[str, float], date: datetime
         year = min(max(year, _MODEL_YEARS[0]), _MODEL_YEARS[1])
         elements, source = _elements(np.degrees(place.lat), np.degrees(place.lon), place.alt, year), "WMM"
     declination, inclination, intensity = elements
-    if logged != 0.0 and (date is None or is_simulated(parameters)):
+    if logged != 0.0 and (date is None or simulated):
         declination, source = logged, "COMPASS_DEC"
     level = intensity * np.cos(inclination)
     ned = np.array([level * np.cos(declination), level * np.sin(declination), intensity * np.sin(inclination)])

@@ -13,11 +13,12 @@ from estimation.alignment import Alignment, align, lost, turned
 from estimation.filter import COARSE, assemble, matched_scale, run
 from estimation.lags import DECISIVE
 from estimation.observations import Observations, find_origin, is_stuck
-from estimation.place import LocalFrame, MagneticField, World, is_simulated, world_field
+from estimation.place import LocalFrame, MagneticField, World, world_field
 from estimation.states import SensorNoise
 from estimation.timing import ACCEL, GYRO, LONGEST_HOLE, InertialSignal, sample_rate, segments, usable
 from estimation.tuning import WINDOW
 from logparse import Geodetic, Tables
+from logparse.craft.vehicle import is_simulated
 from logparse.tables import between
 
 

@@ -16,7 +16,7 @@ from estimation.compass import CompassTurn, compass_turn, turned_compass
 from estimation.consistency import innovation_statistics
 from estimation.filter import Filtered, FilterSegment, assemble, new_memory, run, ticks
 from estimation.observations import Observations, observe, usable_field, usable_fixes
-from estimation.outages import excess, outages, widen
+from estimation.outages import outages, variance_growth, widen
 from estimation.place import World
 from estimation.segmentation import SHORTEST_SEGMENT, Segment, Surroundings, find_segments
 from estimation.shocks import Shocks
@@ -44,9 +44,9 @@ from logparse import Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
 PIECE = 512
-#: Fewer fixes tell where the log was flown, and nothing of the flight.
+#: With fewer fixes the log counts as one without GPS: they tell where it was flown, and nothing of the flight.
 FEWEST_FIXES = 10
-#: What a segment learned of the sensors' errors serves the next one after a hole no longer than this, s.
+#: The sensor errors of a segment start the next one after a hole no longer than this, s.
 LONGEST_MEMORY = 600.0
 
 
@@ -62,7 +62,7 @@ class _Rows:
 
 @dataclass(frozen=True, slots=True)
 class _Estimated:
-    """What came of a segment."""
+    """A segment with its filter's record and the rows of the trajectory."""
 
     segment: Segment
     filtered: Filtered
@@ -178,13 +178,13 @@ def estimate_strapdown(
         for stretch in rows:
             stretch.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
     index = pd.Index(np.concatenate([e.t for e in rows]), name="t")
-    there = _errors_there(rows)
-    states = _states(rows, index, there)
+    errors = _sensor_errors(rows)
+    states = _states(rows, index, errors)
     # The states are as large as the log again, and nobody needs the estimates that they were made of.
     rows = [
         replace(e, estimates=e.estimates._replace(x=np.empty(0)), rates=np.empty(0), forces=np.empty(0)) for e in rows
     ]
-    sigma = _sigma(rows, index, there)
+    sigma = _sigma(rows, index, errors)
     doubts += impossible_biases(states)
     if place.origin is not None:
         doubts += contradicted_receiver(tables, states, place.origin, lag)
@@ -235,7 +235,7 @@ def _estimate_all(
     tuned: Tuned,
     smoothed: bool,
 ) -> list[_Estimated]:
-    """Estimate segment after segment, each starting with what the one before learned of the sensors."""
+    """Estimate segment after segment, each starting with the sensor errors of the one before."""
     done: list[_Estimated] = []
     for segment in segments:
         signal = segment.signal
@@ -264,40 +264,39 @@ def _estimate(
     """
     signal = segment.signal
     observations = observations.between(*(ticks(np.array([signal.start, signal.stop])) * TICK))
-    plan = _Plan(signal, aligned, t, world, tuned, moves=bool(signal.beyond(TURNING).any()))
+    pieces = _Pieces(signal, aligned, t, world, tuned)
     x, gate = aligned.x, tuned.noise.gate
     if not smoothed:
-        known, estimates = plan.filter(observations, x)
+        forward, estimates = pieces.filter(observations, x)
     else:
         for _ in range(PASSES):
-            x = plan.relinearise(observations, x)
-            known, estimates = plan.smooth(observations, x)
+            x = pieces.relinearise(observations, x)
+            forward, estimates = pieces.smooth(observations, x)
             admitted = admit(observations, estimates.deletion, gate)
-            shocks = plan.shocks.widened(estimates.nodes, estimates.shock, estimates.shock_size)
-            if np.array_equal(admitted, observations.admitted) and shocks is plan.shocks:
+            shocks = pieces.shocks.widened(estimates.nodes, estimates.shock, estimates.shock_size)
+            if np.array_equal(admitted, observations.admitted) and shocks is pieces.shocks:
                 break
-            observations, plan.shocks = replace(observations, admitted=admitted), shocks
+            observations, pieces.shocks = replace(observations, admitted=admitted), shocks
     moving, _ = window(signal)
     if spans := outages(observations, moving, signal.stop):
-        widen(estimates.covariance, t, spans, excess(partial(plan.surprises, x=x), observations, moving))
-    rates = np.concatenate([signal.rate(asked) for asked in plan.rows])
-    forces = np.concatenate([signal.force(asked) for asked in plan.rows])
+        widen(estimates.covariance, t, spans, variance_growth(partial(pieces.nis, x=x), observations, moving))
+    rates = np.concatenate([signal.rate(rows) for rows in pieces.rows])
+    forces = np.concatenate([signal.force(rows) for rows in pieces.rows])
     if smoothed:
         fill_in(estimates.x)
-    return _Estimated(segment, known, _Rows(t, estimates, rates, forces))
+    return _Estimated(segment, forward, _Rows(t, estimates, rates, forces))
 
 
-class _Plan:
-    """How one segment is filtered and smoothed in pieces.
+class _Pieces:
+    """One segment, filtered and smoothed in pieces.
 
     The smoother wants the filter's history, which for a long flight is larger than its log. So the segment is filtered
     once without, and then again piece by piece from behind, each from the state that the first pass left before it.
     """
 
-    def __init__(
-        self, signal: InertialSignal, aligned: Alignment, t: np.ndarray, world: World, tuned: Tuned, *, moves: bool
-    ) -> None:
-        self.signal, self.aligned, self.t, self.world, self.tuned, self.moves = signal, aligned, t, world, tuned, moves
+    def __init__(self, signal: InertialSignal, aligned: Alignment, t: np.ndarray, world: World, tuned: Tuned) -> None:
+        self.signal, self.aligned, self.t, self.world, self.tuned = signal, aligned, t, world, tuned
+        self.moves = bool(signal.beyond(TURNING).any())
         # A piece ends just before the first row of the next one.
         self.spans = list(pairwise([signal.start, *(t[PIECE::PIECE] - TICK).tolist(), signal.stop]))
         self.shocks = Shocks.none()
@@ -346,25 +345,25 @@ class _Plan:
 
     def filter(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter only: each row knows what was measured before it."""
-        known, _ = self._forward(observations, x, self.room)
-        return known, self.room
+        forward, _ = self._forward(observations, x, self.room)
+        return forward, self.room
 
     def smooth(self, observations: Observations, x: np.ndarray) -> tuple[Filtered, Estimates]:
         """Filter, then smooth piece by piece from behind."""
-        known, begun = self._forward(observations, x, None)
+        forward, starts = self._forward(observations, x, None)
         adjoint = new_adjoint()
         pieces = []
-        for number in range(len(begun) - 1, -1, -1):
-            x, P, memory = begun[number]
+        for number in range(len(starts) - 1, -1, -1):
+            x, P, memory = starts[number]
             problem = self.lay_out(observations, self.rows[number], x, P, *self.spans[number])
             piece = smooth_piece(problem, run(problem, memory=memory), adjoint)
-            _place(piece, self.room, number)
+            _insert(piece, self.room, number)
             pieces.append((piece.deletion, piece.nodes, piece.shock, piece.shock_size))
         deletion, nodes, shock, size = (np.concatenate(parts[::-1]) for parts in zip(*pieces, strict=True))
-        return known, self.room._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
+        return forward, self.room._replace(deletion=deletion, nodes=nodes, shock=shock, shock_size=size)
 
-    def surprises(self, observations: Observations, x: np.ndarray) -> np.ndarray:
-        """Return how far each reading lies from what those before it foretell, squared and over its variance, (s,)."""
+    def nis(self, observations: Observations, x: np.ndarray) -> np.ndarray:
+        """Return the normalised innovation squared of each reading, predicted from those before it; shape (s,)."""
         P, memory, squares = self.aligned.P, new_memory(x), []
         for start, stop in self.spans:
             problem = self.lay_out(observations, np.empty(0), x, P, start, stop)
@@ -376,25 +375,25 @@ class _Plan:
     def _forward(
         self, observations: Observations, x: np.ndarray, estimates: Estimates | None
     ) -> tuple[Filtered, list[tuple[np.ndarray, np.ndarray, np.ndarray]]]:
-        """Filter the pieces one after the other; the second result is what each begins with.
+        """Filter the pieces one after the other; the second result holds state, covariance and memory at their starts.
 
-        With `estimates` the estimates of the filter itself are placed there, and what lies beyond the gate is refused
-        at once: nobody looks back.
+        With `estimates` those of the filter are put there, and what lies beyond the gate is refused at once: no
+        smoother looks back.
         """
         P, memory = self.aligned.P, new_memory(x)
         innovation, inverse_variance, log_likelihood = [], [], 0.0
-        begun: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-        for asked, (start, stop) in zip(self.rows, self.spans, strict=True):
-            begun.append((x, P, memory.copy()))
-            problem = self.lay_out(observations, asked, x, P, start, stop)
+        starts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+        for rows, (start, stop) in zip(self.rows, self.spans, strict=True):
+            starts.append((x, P, memory.copy()))
+            problem = self.lay_out(observations, rows, x, P, start, stop)
             result = run(problem, keep=False, hard=estimates is not None, memory=memory)
             x, P = result.last_state, result.last_covariance
             innovation.append(result.innovation)
             inverse_variance.append(result.inverse_variance)
             log_likelihood += result.log_likelihood
             if estimates is not None:
-                _place(filtered(result), estimates, len(begun) - 1)
-        known = Filtered(
+                _insert(filtered(result), estimates, len(starts) - 1)
+        forward = Filtered(
             observations=observations,
             white_scale=self.tuned.white_scale,
             stop=self.signal.stop,
@@ -405,11 +404,11 @@ class _Plan:
             last_covariance=P,
             shocks=self.shocks,
         )
-        return known, begun
+        return forward, starts
 
 
-def _place(piece: Estimates, whole: Estimates, number: int) -> None:
-    """Put what a piece gave in its place."""
+def _insert(piece: Estimates, whole: Estimates, number: int) -> None:
+    """Copy the estimates of one piece into those of the segment."""
     rows = slice(number * PIECE, number * PIECE + len(piece.x))
     whole.x[rows] = piece.x
     whole.covariance[rows] = piece.covariance
@@ -417,15 +416,15 @@ def _place(piece: Estimates, whole: Estimates, number: int) -> None:
     whole.slow_variance[first : first + len(piece.slow_variance)] = piece.slow_variance
 
 
-def _errors_there(done: list[_Rows]) -> dict[int, str]:
-    """Return the sensor errors that any segment knows, by place: a sensor that is not there has none to estimate."""
+def _sensor_errors(done: list[_Rows]) -> dict[int, str]:
+    """Return the sensor errors that were estimated in any segment, by index: a missing sensor has none."""
     known = np.logical_or.reduce([(e.estimates.slow_variance > 0.0).any(axis=0) for e in done])
     return {k: name for k, (name, some) in enumerate(zip(SENSOR_ERROR_COLUMNS, known, strict=True)) if some}
 
 
-def _states(done: list[_Rows], index: pd.Index, there: Mapping[int, str]) -> pd.DataFrame:
-    """Lay the segments' estimates out as the states of a `Trajectory`, with the sensor errors that are there."""
-    columns = [*STATE_COLUMNS, *there.values()]
+def _states(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd.DataFrame:
+    """Lay the segments' estimates out as the states of a `Trajectory`, with the sensor errors that were estimated."""
+    columns = [*STATE_COLUMNS, *errors.values()]
     states = np.empty((len(index), len(columns)))
     first = 0
     for e in done:
@@ -433,21 +432,21 @@ def _states(done: list[_Rows], index: pd.Index, there: Mapping[int, str]) -> pd.
         states[rows, :10] = x[:, :10]
         np.subtract(e.rates, x[:, 10:13], out=states[rows, 10:13])
         np.subtract(e.forces, x[:, 13:16], out=states[rows, 13:16])
-        for column, known in enumerate(there, start=16):
+        for column, known in enumerate(errors, start=16):
             states[rows, column] = x[:, 10 + known]
         first += len(e.t)
     return pd.DataFrame(states, index=index, columns=columns, copy=False)
 
 
-def _sigma(done: list[_Rows], index: pd.Index, there: Mapping[int, str]) -> pd.DataFrame:
+def _sigma(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd.DataFrame:
     """Lay the segments' variances out as the standard deviations of a `Trajectory`, as `_states`."""
-    columns = [*SIGMA_COLUMNS, *there.values()]
+    columns = [*SIGMA_COLUMNS, *errors.values()]
     sigma = np.empty((len(index), len(columns)))
     first = 0
     for e in done:
         rows = slice(first, first + len(e.t))
         sigma[rows, :9] = np.diagonal(e.estimates.covariance, axis1=2, axis2=3).reshape(-1, 9)
-        for column, known in enumerate(there, start=9):
+        for column, known in enumerate(errors, start=9):
             sigma[rows, column] = between_rows(e.estimates.slow_variance[:, known], len(e.t))
         first += len(e.t)
     np.sqrt(np.maximum(sigma, 0.0, out=sigma), out=sigma)

@@ -15,10 +15,11 @@ import pandas as pd
 from core.findings import warning
 from core.units import STANDARD_GRAVITY
 from estimation.observations import find_origin, observe_gps, reported, usable_fixes
-from estimation.place import LocalFrame, is_simulated
+from estimation.place import LocalFrame
 from estimation.states import SensorNoise
 from estimation.timing import usable
 from logparse import Finding, Geodetic, Tables
+from logparse.craft.vehicle import is_simulated
 
 #: Readings further than this from the running median are spikes, m.
 SPIKE = 10.0

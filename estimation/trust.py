@@ -16,12 +16,13 @@ from estimation.consistency import SensorStatistics
 from estimation.filter import Filtered
 from estimation.observations import usable_fixes
 from estimation.outages import LONGEST_SILENCE
-from estimation.place import LocalFrame, is_simulated
+from estimation.place import LocalFrame
 from estimation.shocks import Shocks
 from estimation.states import SensorNoise
 from estimation.timing import LONGEST_HOLE
 from estimation.trajectory import POSITION_KNOWN
 from logparse import Finding, Geodetic, Severity, Tables
+from logparse.craft.vehicle import is_simulated
 
 #: Share of refused readings, and mean normalised innovation squared, beyond which a sensor is named.
 SUSPECT_SHARE, SUSPECT_NIS = 0.05, 2.0

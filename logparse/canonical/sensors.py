@@ -28,6 +28,7 @@ from logparse.canonical.fields import (
 from logparse.canonical.remarks import Remarks
 from logparse.canonical.series import Array, frozen, sample, series
 from logparse.craft.frames import Vehicle
+from logparse.craft.vehicle import is_simulated
 from logparse.source import INSTANCE_NAMES
 from logparse.tables import COLUMNS
 
@@ -317,7 +318,7 @@ def _lag(parameters: Parameters, instance: int, old_receiver: bool) -> float:
         delay = parameters.get(name, 0.0)
         if 0.0 < delay < 1000.0:
             return delay * 1e-3
-    if any(name.startswith("SIM_") for name in parameters):
+    if is_simulated(parameters):
         return SITL_LAG
     return UBLOX_LAG_OLD if old_receiver else UBLOX_LAG
 

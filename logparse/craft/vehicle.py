@@ -68,6 +68,11 @@ def describe(
     )
 
 
+def is_simulated(parameters: Mapping[str, float]) -> bool:
+    """Return whether a log is of the firmware's own simulator, from the parameters that only such a build has."""
+    return any(name.startswith("SIM_") for name in parameters)
+
+
 def _first(parameters: Mapping[str, float], *names: str) -> float:
     """Value of the first parameter that exists, 0 when none does."""
     for name in names:

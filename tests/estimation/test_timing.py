@@ -8,9 +8,10 @@ from scipy.signal import butter, lfilter
 from scipy.spatial.transform import Rotation
 
 from estimation.attitude import error_rotation, euler_from_quat, matrix_from_quat, multiply, quat_from_euler
-from estimation.place import ARDUPILOT_RADIUS, LocalFrame, is_simulated, world_field
+from estimation.place import ARDUPILOT_RADIUS, LocalFrame, world_field
 from estimation.timing import InertialSignal, filter_delay, noise_density
 from logparse import Geodetic
+from logparse.craft.vehicle import is_simulated
 from tests.timed import inertial
 
 
