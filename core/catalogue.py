@@ -11,10 +11,10 @@ from core.serialization import restored
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One line of the catalogue."""
+    """What the catalogue says of one finding."""
 
     id: str  #: As `core.findings.Finding.id` has it.
-    severities: tuple[Severity, ...]  #: Which a log may give them, worst first.
+    severities: tuple[Severity, ...]  #: That it may have, worst first.
     meaning: str
     advice: str
 
@@ -36,7 +36,7 @@ class Catalogue:
     sections: tuple[Section, ...]
 
     def as_markdown(self) -> str:
-        """Write the catalogue as docs/findings.md has it."""
+        """Write the text of docs/findings.md."""
         parts = ["# Findings: what they mean and how to cure them", self.text.strip()]
         for section in self.sections:
             head = "| finding | severity | what it means | what to do |\n|---|---|---|---|\n"
@@ -56,7 +56,7 @@ def read_catalogue() -> Catalogue:
 
 @cache
 def _entries() -> dict[str, Entry]:
-    """Lines of the catalogue by the names of their findings."""
+    """Return the entries of the catalogue by id."""
     return {entry.id: entry for section in read_catalogue().sections for entry in section.findings}
 
 
@@ -70,7 +70,7 @@ def finding(
     advice: str | None = None,
     **evidence: str | float | bool | None,
 ) -> Finding:
-    """Raise a finding of something that happened at a time, with severity and advice as the catalogue has them."""
+    """Make a finding of something that happened at a time; by default with the catalogue's severity and advice."""
     entry = _entries()[name]
     return Finding(
         id=name,

@@ -1,15 +1,14 @@
-"""Imports that wait until they are used: the one way in which packages here start quickly.
+"""Imports that wait until they are used, so that commands start quickly.
 
-A module that is slow to load and that few paths need stands at the top of its importer all the same, as itself for type
-checkers and as a stand-in when it runs::
+A module that is slow to load and seldom needed is imported at the top all the same: as itself for type checkers, and at
+run time as a stand-in::
 
     if TYPE_CHECKING:
         import fsspec
     else:
         fsspec = lazy("fsspec")
 
-A package names what it exports, and where that is, in the same way (`exports`). Commands of `rotorid.cli` import in
-their functions.
+A package exports its names in the same way (`exports`). Commands of `rotorid.cli` import in their functions.
 """
 
 import ast
@@ -20,7 +19,7 @@ from typing import Any
 
 
 class _Module:
-    """Stands for a module, which is imported when something of it is asked for."""
+    """Stand-in for a module, which is imported when an attribute of it is used."""
 
     __slots__ = ("_name",)
 
@@ -39,7 +38,12 @@ def lazy(name: str) -> Any:
 def exports(package: str, source: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
     """Return a package's ``__getattr__`` and ``__dir__``, for names that are imported when they are first used.
 
-    Which they are, and where, stands once: in the package's own block ``if TYPE_CHECKING:``.
+    Parameters
+    ----------
+    package : str
+        Its name.
+    source : str
+        Its ``__init__.py``, whose block ``if TYPE_CHECKING:`` imports the names from where they are defined.
     """
     homes = {
         alias.asname or alias.name: (statement.module or package, alias.name)

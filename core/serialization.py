@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import threading
 import typing
@@ -14,25 +13,19 @@ import msgspec
 
 T = TypeVar("T")
 
-#: What msgspec knows of a type it learns at its first use, and two threads that make it learn at once end the process.
+#: msgspec analyses a type at its first use, and crashes the process where two threads make it do so at once.
 _learning = threading.RLock()
 
 
 def plain(value: object, text: Callable[[str], str] = str) -> Any:
-    """Return what JSON can hold.
-
-    Returns
-    -------
-    dict, list, str, float, int, bool or None
-        None for what is not finite.
-    """
+    """Return a value as dicts, lists, strings and numbers; None for what is not finite. `text` rewrites strings."""
     return _finite(msgspec.to_builtins(value, str_keys=True, enc_hook=_unpacked), text)
 
 
 def restored(value: object, kind: type[T]) -> T:
-    """Return what `plain` made plain as the type that it was; ValueError where it is of another.
+    """Return plain values as a type again; ValueError where they are of another.
 
-    None where the type wants a number becomes NaN: it was not finite, which JSON cannot say.
+    None in the place of a number becomes NaN: the number was not finite, which JSON cannot express.
     """
     with _learning:
         try:
@@ -42,16 +35,8 @@ def restored(value: object, kind: type[T]) -> T:
 
 
 def cleaned(value: object, kind: type[T], text: Callable[[str], str] = str) -> T:
-    """Return a value as its type, of what JSON can hold alone: what is written is what is shown."""
+    """Return a value as JSON would bring it back as a type: what is shown is what is written."""
     return restored(plain(value, text), kind)
-
-
-def recorded(value: Any, kind: type[T]) -> T:
-    """Return a dataclass as its record, which has the same fields of what JSON can hold; TypeError where one lacks."""
-    lost = {field.name for field in dataclasses.fields(value)} - set(typing.get_type_hints(kind))
-    if lost:
-        raise TypeError(f"{kind.__name__} has no {', '.join(sorted(lost))}")
-    return cleaned(value, kind)
 
 
 def as_json(value: object, indent: int | None = 1) -> str:
@@ -61,7 +46,7 @@ def as_json(value: object, indent: int | None = 1) -> str:
 
 
 def from_json(content: str | bytes, kind: type[T]) -> T:
-    """Read JSON as a type; ValueError where it is none, or of another."""
+    """Read JSON as a type; ValueError where it is no JSON or of another type."""
     with _learning:
         try:
             return msgspec.json.decode(content, type=kind)
@@ -70,7 +55,7 @@ def from_json(content: str | bytes, kind: type[T]) -> T:
 
 
 def _unpacked(value: Any) -> Any:
-    """Return what arrays, their numbers, tables and paths are made of."""
+    """Return arrays, their numbers, tables, complex numbers and paths as what msgspec can encode."""
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, complex):

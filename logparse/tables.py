@@ -144,8 +144,8 @@ COLUMNS: Mapping[str, Mapping[str, str]] = MappingProxyType(
 
 def framed(columns: Iterable["pd.Series[float]"]) -> pd.DataFrame | None:
     """Make a table of columns that share their index, without copies; None without a column."""
-    found = {str(column.name): column for column in columns}
-    return pd.DataFrame(found, copy=False) if found else None
+    named = {str(column.name): column for column in columns}
+    return pd.DataFrame(named, copy=False) if named else None
 
 
 Rows = TypeVar("Rows", pd.DataFrame, "pd.Series[float]")
@@ -154,7 +154,7 @@ Rows = TypeVar("Rows", pd.DataFrame, "pd.Series[float]")
 def between(table: Rows, start: float, stop: float) -> Rows:
     """Return the rows of an ordered table, or of one column, from start to stop [s].
 
-    Looked up as labels they leave a hash table with the index, four times as large as its times.
+    Looking them up as labels would leave a hash table with the index, four times as large as its times.
     """
     times = table.index.to_numpy()
     return table.iloc[times.searchsorted(start) : times.searchsorted(stop, side="right")]
@@ -169,17 +169,17 @@ class Geodetic:
     alt: float
 
 
-#: A table and those of the other instances of its sensor, and how they are built.
+#: A table and those of the other instances of its sensor, and the function that builds them.
 Built = tuple[pd.DataFrame | None, tuple[pd.DataFrame, ...]]
 Recipe = Callable[[], Built]
-#: How wanted columns are built one by one.
+#: Function that builds wanted columns one by one.
 Columns = Callable[[Collection[str]], Iterator["pd.Series[float]"]]
-#: How the times of rows are had, s; None where there are none.
+#: Function that returns the times of a table's rows, s; None where there is no table.
 Times = Callable[[], npt.NDArray[np.float64] | None]
 
 
 class Tables(Summarised):
-    """The canonical tables of one log (see `COLUMNS`), built when they are asked for, as attributes of their names.
+    """The canonical tables of one log (see `COLUMNS`) as attributes, built when they are first used.
 
     `imu`, `gps`, `baro` and `mag` hold the first healthy instance of their sensor; the other instances are in
     `further`, by table name. Bursts of the batch sampler are in `further` too, as ``"gyro_batch"`` and
@@ -194,11 +194,11 @@ class Tables(Summarised):
     origin : Geodetic, optional
         Place of the local frame's origin, or how to find it.
     recipes : mapping, optional
-        How to build tables that are not given.
+        Functions that build tables that are not given.
     columns : mapping, optional
-        How to build those of which columns can be had one by one.
+        Functions that build the columns of tables one by one.
     times : mapping, optional
-        How to tell the times of rows without a column.
+        Functions that return the times of a table's rows without building a column.
     kept : Kept, optional
         Where built tables are kept as long as there is room.
     **tables : DataFrame or None
@@ -262,46 +262,39 @@ class Tables(Summarised):
         """Tables of the other instances of sensors, and bursts of the batch sampler, by name."""
         if self._given_further is not None:
             return self._given_further
-        found = {name: self.others(name) for name in self._recipes}
-        return {name: others for name, others in found.items() if others}
+        return {name: others for name in self._recipes if (others := self.others(name))}
 
     def others(self, name: str) -> tuple[pd.DataFrame, ...]:
-        """Return the tables of `further` by this name, without building others."""
+        """Return the tables that `further` has of this name, without building those of other names."""
         return self._built(name)[1] if self._given_further is None else self._given_further.get(name, ())
 
     def changed(self, **changes: Any) -> "Tables":
-        """Return the same tables with some in place of others.
-
-        Parameters
-        ----------
-        **changes
-            As `Tables` takes them.
-        """
+        """Return the same tables with some replaced; `changes` as `Tables` takes them."""
         same = {"further": self._given_further, "parameters": self.parameters, "origin": self._origin, **self._given}
         built = {"recipes": self._recipes, "columns": self._columns, "times": self._times, "kept": self._kept}
         return Tables(**(built | same | changes))
 
     def __reduce__(self) -> tuple[Callable[..., "Tables"], tuple[Mapping[str, object]]]:
-        # A copy for another process has no way to build anything.
+        # What builds tables is not sent to another process: all are built before.
         built = {name: getattr(self, name) for name in COLUMNS}
         rest = {"further": self.further, "parameters": self.parameters, "origin": self.origin}
         return _of_parts, (built | rest,)
 
     def summary(self) -> dict[str, str]:
         """Return the rows and columns of each table that the log has."""
-        found = {name: getattr(self, name) for name in COLUMNS}
+        tables = {name: getattr(self, name) for name in COLUMNS}
         return {
             name: f"{len(table)} rows of {listed(tuple(map(str, table.columns)))}"
-            for name, table in found.items()
+            for name, table in tables.items()
             if table is not None
         }
 
     def has(self, name: str) -> bool:
-        """Whether the log has a table; of one whose columns can be had one by one no more than one is built."""
+        """Return whether the log has a table; at most one column is built where columns can be built one by one."""
         return self.times(name) is not None
 
     def columns(self, name: str, wanted: Collection[str] | None = None) -> Iterator["pd.Series[float]"]:
-        """Yield columns of a table one by one, built without the others where they can be; none without the table.
+        """Yield columns of a table, each built without the others where that is possible; none without the table.
 
         Parameters
         ----------
@@ -322,7 +315,7 @@ class Tables(Summarised):
         return next(self.columns(name, (column,)), None)
 
     def part(self, name: str, wanted: Collection[str]) -> pd.DataFrame | None:
-        """Return a table with no more than the wanted columns; None where it has none of them."""
+        """Return a table with the wanted columns only; None where it has none of them."""
         return framed(self.columns(name, wanted))
 
     def times(self, name: str) -> npt.NDArray[np.float64] | None:

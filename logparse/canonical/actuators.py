@@ -1,4 +1,4 @@
-"""Motor outputs and ESCs by motor number of the autopilot's frame, not by output channel."""
+"""Motor outputs and ESC telemetry by motor number of the autopilot's frame, not by output channel."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -14,10 +14,10 @@ from logparse.canonical.series import Array, sample, series
 from logparse.craft.frames import Motor, Vehicle
 from logparse.craft.vehicle import assumed_outputs
 
-#: Servo pulses that exist [us]; outside are unused outputs (0), unset memory (65535, negative) and DShot numbers.
-PULSE_RANGE = (800.0, 2250.0)
+#: Range of servo pulses [us]; outside are unused outputs (0), unset memory (65535, negative) and DShot numbers.
+_PULSE_RANGE = (800.0, 2250.0)
 
-#: Messages with servo outputs, and a column of theirs, by age of the firmware. RCO2 and RCO3 hold outputs from 15.
+#: Messages with servo outputs, and their column by age of the firmware. RCO2 and RCO3 hold outputs from 15.
 _OUTPUTS: Mapping[Kind, tuple[tuple[str, ...], str]] = {
     Kind.DATAFLASH: (("RCOU", "RCO2", "RCO3"), "C{0} | Ch{0} | Chan{0}"),
     Kind.TELEMETRY: (("SERVO_OUTPUT_RAW",), "servo{0}_raw"),
@@ -27,7 +27,7 @@ _OUTPUTS: Mapping[Kind, tuple[tuple[str, ...], str]] = {
 def motors(
     messages: Messages, kind: Kind, parameters: Mapping[str, float], vehicle: Vehicle, remarks: Remarks
 ) -> pd.DataFrame | None:
-    """Motor outputs [us] by motor number."""
+    """Return motor outputs [us] by motor number."""
     if kind is Kind.PX4:
         return _px4_motors(messages, vehicle, _dshot(parameters), remarks)
     names, field = _OUTPUTS[kind]
@@ -45,11 +45,11 @@ def motors(
     if not logged:
         return None
     t, _ = next(iter(logged.values()))
-    table = series(t, {name: pulse for name, (at, pulse) in logged.items() if at.equals(t)})
+    outputs = series(t, {name: pulse for name, (at, pulse) in logged.items() if at.equals(t)})
     for name, (at, pulse) in logged.items():
-        if name not in table:  # RCO2 is written right after RCOU with the same time
-            table[name] = sample(series(at, {name: pulse}), table.index.to_numpy(), gap=0.05)[:, 0]
-    return table[list(logged)]
+        if name not in outputs:  # RCO2 is written right after RCOU with the same time
+            outputs[name] = sample(series(at, {name: pulse}), outputs.index.to_numpy(), gap=0.05)[:, 0]
+    return outputs[list(logged)]
 
 
 def _output(
@@ -61,23 +61,23 @@ def _output(
         if frame is not None and "port" in frame:
             frame = frame[frame["port"] == 0]  # port 1 of SERVO_OUTPUT_RAW holds outputs from 17
         if frame is not None and has(frame, field):
-            return frame.index, pulses(value(frame, field), name, remarks)
+            return frame.index, _pulses(value(frame, field), name, remarks)
     return None
 
 
-def _before_3_1(messages: Messages, table: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
-    """Motor outputs of MOT, which firmware before 3.1 wrote."""
+def _before_3_1(messages: Messages, frame_motors: tuple[Motor, ...], remarks: Remarks) -> pd.DataFrame | None:
+    """Return the motor outputs of MOT, which firmware before 3.1 wrote."""
     frame = first(messages, "MOT")
     if frame is None:
         return None
     logged = sorted(int(str(name)[3:]) for name in frame if re.fullmatch(r"Mot\d+", str(name)))
-    wanted = [motor.number for motor in table if motor.number in logged] or logged
-    columns = {f"m{k}": pulses(numbers(frame, f"Mot{k}"), "MOT", remarks) for k in wanted}
+    wanted = [motor.number for motor in frame_motors if motor.number in logged] or logged
+    columns = {f"m{k}": _pulses(numbers(frame, f"Mot{k}"), "MOT", remarks) for k in wanted}
     return series(frame.index, columns) if columns else None
 
 
 def _unmapped(number: int, message: str) -> Finding:
-    """Report that a motor's output is not in the log."""
+    """Return the finding that a motor's output is not in the log."""
     return warning(
         "not-logged",
         f"Motor {number} of the frame has no logged servo output.",
@@ -86,9 +86,9 @@ def _unmapped(number: int, message: str) -> Finding:
     )
 
 
-def _remark_assumed(table: tuple[Motor, ...], parameters: Mapping[str, float], remarks: Remarks) -> None:
-    """Remark which motors are taken to be on the output of their number because their SERVOn_FUNCTION is missing."""
-    assumed = assumed_outputs(table, parameters)
+def _remark_assumed(frame_motors: tuple[Motor, ...], parameters: Mapping[str, float], remarks: Remarks) -> None:
+    """Remark which motors are assumed on the output of their number because SERVOn_FUNCTION is missing."""
+    assumed = assumed_outputs(frame_motors, parameters)
     if assumed:
         listed = ", ".join(map(str, assumed))
         remarks.add(
@@ -102,9 +102,9 @@ def _remark_assumed(table: tuple[Motor, ...], parameters: Mapping[str, float], r
         )
 
 
-def pulses(widths: Array, message: str, remarks: Remarks) -> Array:
-    """Pulse widths [us]; 0 means no pulse, which is no error."""
-    low, high = PULSE_RANGE
+def _pulses(widths: Array, message: str, remarks: Remarks) -> Array:
+    """Return pulse widths [us] with NaN where there is no pulse (0, which is no error) or an impossible one."""
+    low, high = _PULSE_RANGE
     silent = widths == 0.0
     bad = ~((widths >= low) & (widths <= high)) & ~silent
     return remarks.remove(
@@ -113,60 +113,67 @@ def pulses(widths: Array, message: str, remarks: Remarks) -> Array:
 
 
 def _dshot(parameters: Mapping[str, float]) -> bool:
-    """Whether the motors are driven by DShot: a timer of the outputs set to -5..-2, or DSHOT_CONFIG before 1.13."""
+    """Return whether DShot drives the motors: a timer of the outputs set to -5..-2, or DSHOT_CONFIG before 1.13."""
     timers = [value for name, value in parameters.items() if name.startswith(("PWM_MAIN_TIM", "PWM_AUX_TIM"))]
     return any(-5.0 <= value <= -2.0 for value in timers) or parameters.get("DSHOT_CONFIG", 0.0) > 0.0
 
 
 def _px4_motors(messages: Messages, vehicle: Vehicle, dshot: bool, remarks: Remarks) -> pd.DataFrame | None:
-    """Motor outputs in us: pulses as they are, DShot commands and commands of 0..1 as the pulses they stand for."""
-    frame = _group_that_moves(messages, vehicle.motors)
+    """Return motor outputs [us]: pulses as logged, DShot commands and commands of 0..1 as the pulses for them."""
+    frame = _moving_group(messages, vehicle.motors)
     largest = float(np.nanmax(frame.to_numpy(), initial=0.0)) if frame is not None else 0.0
     if frame is not None and dshot and largest > 1.0:
-        # DShot throttle runs from 0 to 1999 (48..2047 on the wire).
-        return 1000.0 + 0.5 * frame.clip(0.0, 2000.0)
-    low, _ = PULSE_RANGE
+        return _pulses_of_dshot(frame)
+    low, _ = _PULSE_RANGE
     if frame is not None and largest >= low and not (frame.gt(0.0) & frame.lt(low)).to_numpy().any():
-        columns = {str(name): pulses(frame[name].fillna(0.0).to_numpy(), "actuator_outputs", remarks) for name in frame}
+        columns = {
+            str(name): _pulses(frame[name].fillna(0.0).to_numpy(), "actuator_outputs", remarks) for name in frame
+        }
         return series(frame.index, columns)
-    # Outputs of simulators and CAN are speeds; what each motor was asked for is not.
-    asked = first(messages, "actuator_motors")
-    if asked is None:
-        return None if frame is None or largest <= 1.0 else 1000.0 + 0.5 * frame.clip(0.0, 2000.0)
-    commands = {k: value(asked, f"control[{k - 1}]") for k in range(1, 13)}
+    # Outputs of simulators and CAN are speeds; the commands of the mixer are not.
+    commanded = first(messages, "actuator_motors")
+    if commanded is None:
+        return None if frame is None or largest <= 1.0 else _pulses_of_dshot(frame)
+    commands = {k: value(commanded, f"control[{k - 1}]") for k in range(1, 13)}
     wanted = [motor.number for motor in vehicle.motors] or [k for k in commands if np.isfinite(commands[k]).any()]
-    return series(asked.index, {f"m{k}": 1000.0 + 1000.0 * commands[k] for k in wanted})
+    return series(commanded.index, {f"m{k}": 1000.0 + 1000.0 * commands[k] for k in wanted})
 
 
-def _group_that_moves(messages: Messages, table: tuple[Motor, ...]) -> pd.DataFrame | None:
+def _pulses_of_dshot(throttle: pd.DataFrame) -> pd.DataFrame:
+    """Return the pulses [us] for DShot throttle, which runs from 0 to 1999 (48..2047 on the wire)."""
+    return 1000.0 + 0.5 * throttle.clip(0.0, 2000.0)
+
+
+def _moving_group(messages: Messages, frame_motors: tuple[Motor, ...]) -> pd.DataFrame | None:
     """Return the outputs of the motors in the first group (main, auxiliary, CAN) in which all of them move."""
     groups = []
     for name in messages:
-        if table and re.fullmatch(r"actuator_outputs(_\d+)?", name):
+        if frame_motors and re.fullmatch(r"actuator_outputs(_\d+)?", name):
             for start in (1, 9):  # auxiliary outputs are numbered from 9, and from 1 in a group of their own
-                fields = {f"m{m.number}": f"output[{(m.channel or m.number) - start}]" for m in table}
+                fields = {f"m{m.number}": f"output[{(m.channel or m.number) - start}]" for m in frame_motors}
                 groups.append(series(messages[name].index, values(messages[name], fields)))
     moving = (group for group in groups if len(group) and (group.max() > group.min()).all())
     return next(moving, groups[0] if groups else None)
 
 
-def esc(messages: Messages, kind: Kind, table: tuple[Motor, ...]) -> pd.DataFrame | None:
-    """ESC telemetry by motor number, on the times of the first motor that has any."""
+def esc(messages: Messages, kind: Kind, frame_motors: tuple[Motor, ...]) -> pd.DataFrame | None:
+    """Return ESC telemetry by motor number, at the times of the first motor that has any."""
     by_output = dict(_escs(messages, kind))
     if kind is Kind.PX4:
         frame = first(messages, "esc_status")
         # Since 1.13 an ESC says which motor it drives (101 for the first).
         drives = {} if frame is None else {k: value(frame, f"esc[{k}].actuator_function") for k in range(12)}
         entries = {int(np.nanmax(drives[k], initial=0)) - 100: k + 1 for k in drives}
-        outputs = {motor.number: entries.get(motor.number, motor.number) for motor in table}
+        outputs = {motor.number: entries.get(motor.number, motor.number) for motor in frame_motors}
     else:
-        outputs = {motor.number: motor.channel or motor.number for motor in table}
-    found = {number: by_output[output] for number, output in outputs.items() if output in by_output}
-    if not found:
+        outputs = {motor.number: motor.channel or motor.number for motor in frame_motors}
+    by_motor = {number: by_output[output] for number, output in outputs.items() if output in by_output}
+    if not by_motor:
         return None
-    times = next(iter(found.values())).index.to_numpy()
-    usual = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
-    joined = {k: sample(each, times, gap=2.0 if kind is Kind.TELEMETRY else 2.0 * usual) for k, each in found.items()}
+    times = next(iter(by_motor.values())).index.to_numpy()
+    interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    gap = 2.0 if kind is Kind.TELEMETRY else 2.0 * interval
+    joined = {number: sample(telemetry, times, gap=gap) for number, telemetry in by_motor.items()}
     return series(
         times,
         {
@@ -193,6 +200,6 @@ def _escs(messages: Messages, kind: Kind) -> Iterator[tuple[int, pd.DataFrame]]:
         fields = {"w": "esc[{0}].esc_rpm rpm", "voltage": "esc[{0}].esc_voltage V", "current": "esc[{0}].esc_current A"}
     for name, start in groups.items():
         group = first(messages, name)
-        for k in range(0 if group is None else count):
-            assert group is not None
-            yield start + k, table(group, {column: field.format(k) for column, field in fields.items()})
+        if group is not None:
+            for k in range(count):
+                yield start + k, table(group, {column: field.format(k) for column, field in fields.items()})

@@ -1,4 +1,4 @@
-"""Sensors of every autopilot and age: where their columns stand, and which of their values cannot be."""
+"""Sensors of every autopilot and firmware age: which fields hold them, and which of their values are impossible."""
 
 import itertools
 import re
@@ -34,16 +34,16 @@ from logparse.tables import COLUMNS
 
 Parameters = Mapping[str, float]
 
-#: Field [T] that no magnetometer of an autopilot measures, speed [m/s] and voltage [V] of no multirotor, height [m].
+#: Beyond what no sensor of a multirotor measures: magnetic field [T], speed [m/s], voltage [V] and altitude [m].
 _STRONGEST_FIELD, _FASTEST, _HIGHEST_VOLTAGE, _HIGHEST = 1e-3, 300.0, 1000.0, 50e3
-#: Accuracy [m, m/s] and dilution of precision from which on a receiver says that it has no fix.
+#: Accuracy [m, m/s] and dilution of precision that receivers report when they have no fix.
 _NO_ACCURACY, _NO_DILUTION = 650.0, 99.0
-#: Pressures [Pa] of the atmosphere, and that of the standard one at sea level.
+#: Lowest and highest pressure of the atmosphere, and the standard one at sea level, Pa.
 _PRESSURES, _SEA_LEVEL = (100.0, 2e5), 101325.0
 
 #: Lag [s] between the validity of a GPS sample and its arrival when GPS_DELAY_MS leaves it to the driver, as in
 #: AP_GPS_UBLOX::get_lag: generation 7 and later, and the older ones. The simulator's receiver and PX4 have their own.
-UBLOX_LAG, UBLOX_LAG_OLD, SITL_LAG, PX4_LAG = 0.12, 0.22, 0.1, 0.11
+_UBLOX_LAG, _UBLOX_LAG_OLD, _SITL_LAG, _PX4_LAG = 0.12, 0.22, 0.1, 0.11
 
 #: Rows of a fast message that are converted at a time.
 _PIECE = 1 << 15
@@ -52,7 +52,9 @@ _PIECE = 1 << 15
 _MAVLINK_IMUS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
 
 #: By kind of log: messages of one instance each, or of several with an instance column; and their fields.
-_IMU: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
+_Sources = Mapping[Kind, tuple[tuple[str, ...], Fields]]
+
+_IMU: _Sources = {
     Kind.DATAFLASH: (
         ("IMU", "IMU2", "IMU3"),
         axes({"gyro_{x}": "Gyr{X} rad/s", "accel_{x}": "Acc{X} m/s/s"}, x="xyz", X="XYZ"),
@@ -63,7 +65,7 @@ _IMU: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
         axes({"gyro_{x}": "gyro_rad[{k}] rad/s", "accel_{x}": "accelerometer_m_s2[{k}] m/s/s"}, x="xyz", k="012"),
     ),
 }
-_GPS: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
+_GPS: _Sources = {
     Kind.DATAFLASH: (
         ("GPS", "GPS2"),
         {
@@ -112,7 +114,7 @@ _GPS: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
         },
     ),
 }
-_BARO: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
+_BARO: _Sources = {
     Kind.DATAFLASH: (
         ("BARO", "BAR2", "BAR3"),
         {"alt": "Alt m", "pressure": "Press Pa", "temperature": "Temp degC"},
@@ -130,7 +132,7 @@ _BARO: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
         },
     ),
 }
-_MAG: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
+_MAG: _Sources = {
     Kind.DATAFLASH: (("MAG", "MAG2", "MAG3"), axes({"mag_{x}": "Mag{X} mGauss"}, x="xyz", X="XYZ")),
     Kind.TELEMETRY: (_MAVLINK_IMUS, axes({"mag_{x}": "{x}mag mgauss"}, x="xyz")),
     Kind.PX4: (
@@ -138,41 +140,41 @@ _MAG: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
         axes({"mag_{x}": "magnetometer_ga[{k}] gauss | {x} gauss"}, x="xyz", k="012"),
     ),
 }
-_BATTERY: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
+_BATTERY: _Sources = {
     Kind.DATAFLASH: (("BAT", "BAT2", "CURR", "CUR2"), {"voltage": "Volt V", "current": "Curr A"}),
     Kind.TELEMETRY: (("SYS_STATUS",), {"voltage": "voltage_battery mV", "current": "current_battery cA"}),
     Kind.PX4: (("battery_status",), {"voltage": "voltage_v V", "current": "current_a A | current_filtered_a A"}),
 }
-_RANGE: Mapping[Kind, tuple[tuple[str, ...], Fields]] = {
+_RANGE: _Sources = {
     Kind.DATAFLASH: (("RFND",), {"distance": "Dist m | Dist1 m | D1 m"}),
     Kind.TELEMETRY: (("RANGEFINDER", "DISTANCE_SENSOR"), {"distance": "distance m | current_distance cm"}),
     Kind.PX4: (("distance_sensor",), {"distance": "current_distance m"}),
 }
 
-#: Fields that are 0 where the autopilot holds a sensor for unhealthy, by age.
+#: Fields that are 0 where the autopilot considers a sensor unhealthy, by age of the firmware.
 _HEALTHY = (("GH", "AH"), ("GyHlt", "AcHlt"), ("H",), ("Health",))
 _UNHEALTHY = "sensor marked unhealthy by the autopilot"
 
 
-def _found(
-    messages: Messages, kind: Kind, place: tuple[tuple[str, ...], Fields], wanted: Collection[str] | None = None
+def _instances(
+    messages: Messages, kind: Kind, sources: _Sources, wanted: Collection[str] | None = None
 ) -> list[tuple[str, pd.DataFrame]]:
-    """List the instances of a sensor with their names; of PX4, whose older topics hold it once more, the first."""
-    names, fields = place
-    found = [
+    """List the instances of a sensor with their names; of PX4 only the first, since older topics repeat it."""
+    names, fields = sources[kind]
+    logged = [
         (name, frame)
         for name, frame in instances(messages, *names, fields=wanted)
         if len(frame) and any(has(frame, field) for field in fields.values())
     ]
-    return found[:1] if kind is Kind.PX4 else found
+    return logged[:1] if kind is Kind.PX4 else logged
 
 
 def _unhealthy(values: Array, frame: pd.DataFrame, name: str, remarks: Remarks) -> Array:
-    """Remove rows where the autopilot held a sensor for unhealthy, where it says so."""
+    """Remove rows in which the autopilot marked the sensor unhealthy, where it logs that."""
     for flags in _HEALTHY:
         if set(flags) <= set(frame):
-            ill = np.any([numbers(frame, flag) == 0.0 for flag in flags], axis=0)
-            return remarks.remove(values, np.asarray(ill), name, _UNHEALTHY)
+            unhealthy = np.any([numbers(frame, flag) == 0.0 for flag in flags], axis=0)
+            return remarks.remove(values, np.asarray(unhealthy), name, _UNHEALTHY)
     return values
 
 
@@ -180,7 +182,7 @@ def imu(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
     """Angular rate and specific force; of GYR and ACC where a DataFlash log has no IMU."""
     tables: list[pd.DataFrame] = []
     wanted = names_of(_IMU[kind][1]) | {*INSTANCE_NAMES, *itertools.chain(*_HEALTHY)}
-    for name, frame in _found(messages, kind, _IMU[kind], wanted):
+    for name, frame in _instances(messages, kind, _IMU, wanted):
         if name == "SCALED_IMU" and tables:
             continue  # what RAW_IMU has
         pieces = quantities(frame, plain(_IMU[kind][1]), _PIECE)
@@ -195,16 +197,16 @@ def imu(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
 
 def _raw_imus(messages: Messages, remarks: Remarks) -> Iterator[pd.DataFrame]:
     """Yield the tables of GYR with the ACC of the same number."""
-    fields = (names_of(_IMU[Kind.DATAFLASH][1])) | {*INSTANCE_NAMES, "SampleUS"}
+    fields = names_of(_IMU[Kind.DATAFLASH][1]) | {*INSTANCE_NAMES, "SampleUS"}
     rates, forces = (
         instances(messages, *(f"{name}{k}" for k in ("", 1, 2, 3)), fields=fields) for name in ("GYR", "ACC")
     )
-    for (name, gyro), (force_name, force) in zip(rates, forces, strict=False):
+    for (gyro_name, gyro), (accel_name, accel) in zip(rates, forces, strict=False):
         rate = series(_sampled(gyro), values(gyro, axes({"{X}": "Gyr{X} rad/s"}, X="XYZ")))
-        pull = series(_sampled(force), values(force, axes({"{X}": "Acc{X} m/s/s"}, X="XYZ")))
+        force = series(_sampled(accel), values(accel, axes({"{X}": "Acc{X} m/s/s"}, X="XYZ")))
         t = rate.index.to_numpy()
-        columns = [*rate.to_numpy().T, *sample(pull, t, gap=0.05).T]
-        yield _imu_table(pd.DataFrame(), t, [columns], f"{name}/{force_name}", remarks)
+        columns = [*rate.to_numpy().T, *sample(force, t, gap=0.05).T]
+        yield _imu_table(pd.DataFrame(), t, [columns], f"{gyro_name}/{accel_name}", remarks)
 
 
 def _sampled(frame: pd.DataFrame) -> Array:
@@ -249,7 +251,7 @@ def _imu_table(
 def mag(messages: Messages, kind: Kind, parameters: Parameters, remarks: Remarks) -> Sensor:
     """Magnetic field, calibrated as the autopilot uses it."""
     tables: list[pd.DataFrame] = []
-    for name, frame in _found(messages, kind, _MAG[kind]):
+    for name, frame in _instances(messages, kind, _MAG):
         if name == "SCALED_IMU" and tables:
             continue
         field = np.column_stack([*values(frame, _MAG[kind][1]).values()])
@@ -275,17 +277,17 @@ def mag(messages: Messages, kind: Kind, parameters: Parameters, remarks: Remarks
 
 def gps(messages: Messages, kind: Kind, parameters: Parameters, vehicle: Vehicle, remarks: Remarks) -> Sensor:
     """GPS fixes with their time of validity; accuracies of DataFlash are in GPA or UBX3."""
-    accuracies = [*instances(messages, "GPA", "GPA2")] or [*instances(messages, "UBX3")]
+    accuracies = [frame for _, frame in [*instances(messages, "GPA", "GPA2")] or instances(messages, "UBX3")]
     old = _old_receiver(messages, parameters, vehicle)
     tables = []
-    for k, (name, frame) in enumerate(_found(messages, kind, _GPS[kind])):
+    for k, (name, frame) in enumerate(_instances(messages, kind, _GPS)):
         if kind is Kind.PX4:
-            lag = float(parameters.get("EKF2_GPS_DELAY", 1e3 * PX4_LAG)) * 1e-3
+            lag = float(parameters.get("EKF2_GPS_DELAY", 1e3 * _PX4_LAG)) * 1e-3
         else:
             lag = _lag(parameters, k, old)
         made = _fixes(frame, _GPS[kind][1], lag, name, remarks)
-        if k < len(accuracies) and kind is Kind.DATAFLASH and len(accuracies[k][1]):
-            made |= _accuracy(accuracies[k][1], frame.index.to_numpy(np.float64), made)
+        if k < len(accuracies) and kind is Kind.DATAFLASH and len(accuracies[k]):
+            made |= _accuracy(accuracies[k], frame.index.to_numpy(np.float64), made)
         tables.append(series(frame.index, made))
     if kind is Kind.PX4:  # also one that never had a fix
         return next(iter(tables), None), ()
@@ -293,10 +295,10 @@ def gps(messages: Messages, kind: Kind, parameters: Parameters, vehicle: Vehicle
 
 
 def _old_receiver(messages: Messages, parameters: Parameters, vehicle: Vehicle) -> bool:
-    """Whether the GPS receiver is likely of u-blox generation 6 or before.
+    """Return whether the GPS receiver is likely of u-blox generation 6 or before.
 
-    Copter 3.5 and later print the receiver's hardware. Before, only a newer one uses two constellations at once and
-    so more satellites than GPS alone shows.
+    Copter 3.5 and later print the receiver's hardware. Before, more satellites than GPS alone shows are a sign of a
+    newer one, which uses two constellations at once.
     """
     if "MSG" in messages and "Message" in messages["MSG"]:
         for text in messages["MSG"]["Message"]:
@@ -312,19 +314,19 @@ def _old_receiver(messages: Messages, parameters: Parameters, vehicle: Vehicle) 
 
 
 def _lag(parameters: Parameters, instance: int, old_receiver: bool) -> float:
-    """Receiver lag [s]: GPS_DELAY_MS when it is set, else the default of the u-blox driver or of the simulator."""
+    """Return the receiver's lag [s]: GPS_DELAY_MS if set, else the default of the u-blox driver or the simulator."""
     names = (("GPS_DELAY_MS", "GPS1_DELAY_MS"), ("GPS_DELAY_MS2", "GPS2_DELAY_MS"))[min(instance, 1)]
     for name in names:
         delay = parameters.get(name, 0.0)
         if 0.0 < delay < 1000.0:
             return delay * 1e-3
     if is_simulated(parameters):
-        return SITL_LAG
-    return UBLOX_LAG_OLD if old_receiver else UBLOX_LAG
+        return _SITL_LAG
+    return _UBLOX_LAG_OLD if old_receiver else _UBLOX_LAG
 
 
 def _fixes(frame: pd.DataFrame, fields: Fields, lag: float, name: str, remarks: Remarks) -> dict[str, Array]:
-    """Columns of the fixes of one receiver."""
+    """Return the columns of the `gps` table of one receiver."""
     t, read = frame.index.to_numpy(dtype=np.float64), values(frame, fields)
     fix = read["fix"] if has(frame, fields["fix"]) else np.full(len(t), 3.0)
     if "Time" in frame and len(fix) and np.nanmax(fix, initial=0.0) == 2.0:
@@ -337,9 +339,9 @@ def _fixes(frame: pd.DataFrame, fields: Fields, lag: float, name: str, remarks: 
     # Receivers that give no vertical speed have zeros in this column.
     read["v_d"] = down if np.any(down[np.isfinite(down)]) else np.full(len(t), np.nan)
     measured = ("lat", "lon", "alt", "v_n", "v_e", "v_d")
-    found = np.column_stack([read[column] for column in measured])
-    found[np.isnan(found[:, :2]).any(axis=1), :2] = np.nan  # half a position is none
-    fixes = _clean_fixes(found, fix, name, remarks)
+    fixes = np.column_stack([read[column] for column in measured])
+    fixes[np.isnan(fixes[:, :2]).any(axis=1), :2] = np.nan  # half a position is none
+    fixes = _clean_fixes(fixes, fix, name, remarks)
     satellites, hdop = read["satellites"], read["hdop"]
     return {
         "t_valid": t - lag,
@@ -347,17 +349,17 @@ def _fixes(frame: pd.DataFrame, fields: Fields, lag: float, name: str, remarks: 
         "fix": fix,
         "satellites": np.where(satellites == 255.0, np.nan, satellites),
         "hdop": np.where((hdop > 0.0) & (hdop < _NO_DILUTION), hdop, np.nan),
-        **{column: _stated(read.get(column, np.full(len(t), np.nan))) for column in ("h_acc", "v_acc", "s_acc")},
+        **{column: _reported(read.get(column, np.full(len(t), np.nan))) for column in ("h_acc", "v_acc", "s_acc")},
     }
 
 
 def _accuracy(frame: pd.DataFrame, t: Array, fixes: Mapping[str, Array]) -> dict[str, Array]:
-    """Return the columns of fixes that GPA or UBX3 say better.
+    """Return the columns of fixes that GPA or UBX3 hold more exactly.
 
     GPA rows follow their GPS row at once; UBX3 rows come by themselves at the receiver's rate.
     """
     fields = {"h_acc": "HAcc m | hAcc m", "v_acc": "VAcc m | vAcc m", "s_acc": "SAcc m/s | sAcc m/s"}
-    details = {column: _stated(each) for column, each in values(frame, fields).items()}
+    details = {column: _reported(accuracy) for column, accuracy in values(frame, fields).items()}
     if "VV" in frame:
         details["has_v_d"] = numbers(frame, "VV")
     if "SMS" in frame:
@@ -371,7 +373,7 @@ def _accuracy(frame: pd.DataFrame, t: Array, fixes: Mapping[str, Array]) -> dict
 
 
 def _nearest(rows: pd.DataFrame, t: Array) -> dict[str, Array]:
-    """Columns of the nearest row within 0.3 s of each time, NaN where there is none."""
+    """Return the columns of the nearest row within 0.3 s of each time, NaN where there is none."""
     times = rows.index.to_numpy()
     right = np.searchsorted(times, t).clip(0, len(times) - 1)
     left = (right - 1).clip(0)
@@ -390,15 +392,15 @@ def _clean_fixes(fixes: Array, fix: Array, message: str, remarks: Remarks) -> Ar
     return remarks.remove(fixes, (fix < 2.0) & np.isfinite(fixes[:, 0]), message, "no fix")
 
 
-def _stated(accuracy: Array) -> Array:
-    """Accuracies; receivers that do not give one have zero, those without a fix a number as large as can be."""
+def _reported(accuracy: Array) -> Array:
+    """Return accuracies; NaN for the zero of receivers that report none and the huge number of those without a fix."""
     return np.where((accuracy > 0.0) & (accuracy < _NO_ACCURACY), accuracy, np.nan)
 
 
 def baro(messages: Messages, kind: Kind, parameters: Parameters, remarks: Remarks) -> Sensor:
     """Pressure altitude above the ground; the altitude of CTUN in firmware before 3.2."""
     tables = []
-    for k, (name, frame) in enumerate(_found(messages, kind, _BARO[kind])):
+    for k, (name, frame) in enumerate(_instances(messages, kind, _BARO)):
         read = values(frame, _BARO[kind][1])
         alt, pressure = read["alt"], read["pressure"]
         if kind is Kind.PX4 and np.nanmax(pressure, initial=0.0) < 2000.0:
@@ -421,21 +423,21 @@ def baro(messages: Messages, kind: Kind, parameters: Parameters, remarks: Remark
 
 
 def standard_altitude(pressure: Array) -> Array:
-    """Altitude [m] in the troposphere of the international standard atmosphere (ISO 2533) at a pressure [Pa].
+    """Return the altitude [m] at a pressure [Pa] in the troposphere of the standard atmosphere (ISO 2533).
 
-    The temperature beside the pressure is that of the sensor's chip, which says little about the air.
+    The temperature logged beside the pressure is that of the sensor's chip, which says little about the air.
     """
     return np.asarray(44330.77 * (1.0 - (pressure / _SEA_LEVEL) ** 0.190263), dtype=np.float64)
 
 
 def _above_start(alt: Array) -> Array:
-    """Altitudes above the first of them, of PX4, which logs those of the standard atmosphere."""
+    """Return altitudes above the first ones: PX4 logs those of the standard atmosphere."""
     finite = alt[np.isfinite(alt)]
     return alt - float(np.median(finite[: max(len(finite) // 50, 5)])) if len(finite) else alt
 
 
 def _above_ground(pressure: Array, parameters: Parameters, instance: int) -> Array:
-    """Altitude [m] above the ground pressure that ArduPilot calibrated, as it computes it."""
+    """Return the altitude [m] above the ground pressure that ArduPilot calibrated, as it computes it."""
     ground = _ground_pressure(parameters, instance, pressure)
     alt = standard_altitude(pressure) - float(standard_altitude(np.array([ground]))[0])
     if warm := parameters.get("BARO_GND_TEMP", parameters.get("GND_TEMP", 0.0)):
@@ -445,7 +447,7 @@ def _above_ground(pressure: Array, parameters: Parameters, instance: int) -> Arr
 
 
 def _ground_pressure(parameters: Parameters, instance: int, pressure: Array) -> float:
-    """Pressure [Pa] at the ground: the autopilot's own calibration when it fits the log, else the first samples."""
+    """Return the pressure [Pa] at the ground: of the autopilot's calibration where it fits the log, else the first."""
     start = float(np.nanmedian(pressure[:20])) if np.isfinite(pressure[:20]).any() else _SEA_LEVEL
     for name in (f"BARO{instance}_GND_PRESS", "GND_ABS_PRESS", "BARO_GND_PRESS"):
         ground = parameters.get(name, 0.0)
@@ -458,7 +460,7 @@ def _ground_pressure(parameters: Parameters, instance: int, pressure: Array) -> 
 def battery(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
     """Voltage and current of the flight battery."""
     tables = []
-    for name, frame in _found(messages, kind, _BATTERY[kind]):
+    for name, frame in _instances(messages, kind, _BATTERY):
         fields = _BATTERY[kind][1]
         if name.startswith("CUR") and {"ThrOut", "ThrInt", "Throttle", "Thr"} & set(frame):
             fields = {"voltage": "Volt cV", "current": "Curr cA"}  # until 3.3, with columns that later versions lack
@@ -477,10 +479,12 @@ def battery(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
 
 def rangefinder(messages: Messages, kind: Kind, remarks: Remarks) -> pd.DataFrame | None:
     """Distance of the rangefinder that looks down."""
-    found = _found(messages, kind, _RANGE[kind])
+    sensors = _instances(messages, kind, _RANGE)
     # 25 is MAV_SENSOR_ROTATION_PITCH_270, down.
-    down = [(name, rows_of(frame, numbers(frame, column) == 25)) for name, frame in found for column in _facing(frame)]
-    unknown = [(name, frame) for name, frame in found if kind is Kind.DATAFLASH or not _facing(frame)]
+    down = [
+        (name, rows_of(frame, numbers(frame, column) == 25)) for name, frame in sensors for column in _facing(frame)
+    ]
+    unknown = [(name, frame) for name, frame in sensors if kind is Kind.DATAFLASH or not _facing(frame)]
     for name, frame in (*((name, frame) for name, frame in down if len(frame)), *unknown):
         made = table(frame, _RANGE[kind][1])
         if "Stat" in frame:
@@ -494,5 +498,5 @@ def rangefinder(messages: Messages, kind: Kind, remarks: Remarks) -> pd.DataFram
 
 
 def _facing(frame: pd.DataFrame) -> list[str]:
-    """Return the column that says where a rangefinder looks, if there is one."""
+    """List the column with the direction in which a rangefinder looks; empty where there is none."""
     return [column for column in ("Orient", "orientation") if column in frame]
