@@ -1,11 +1,15 @@
 """Accounts of flights for tests: what a test says of a flight, and calm for all else."""
 
+import dataclasses
+
 import numpy as np
 
 from core.findings import Finding, Severity
 from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
+from pipeline.flight.answer import compose_answer
 from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, Reading
 from pipeline.results.account import VibrationReading as Vibration
+from pipeline.results.flight import FlightResult
 from pipeline.results.signals import FlightSignals, Panel, SignalLine
 from pipeline.results.span import Span
 
@@ -45,6 +49,17 @@ def account(*happenings: Finding, flight: Span | None = FLIGHT, **changed) -> Ac
     )
     sentence = headline(story, flight) or sentence
     return Account(flight=flight, happenings=ordered, story=story, headline=sentence, sound=flight, **state)
+
+
+LOST = happening("motor-fault", 70.0, reason="Motor 2 lost 60 ± 5 % of its thrust: all it had.", evidence={"motor": 2})
+CRASH = happening("crash", 72.0, reason="The craft hit the ground at 6 m/s.")
+
+
+def answered(given: FlightResult, /, *happenings: Finding, state=None, **changed) -> FlightResult:
+    """Return a flight in which this happened, with other fields, and what its first screen then says."""
+    flight_account = account(*happenings, **(state or {}))
+    result = dataclasses.replace(given, **({"account": flight_account, "signals": signals()} | changed))
+    return dataclasses.replace(result, answer=compose_answer(result))
 
 
 def signals() -> FlightSignals:

@@ -4,13 +4,16 @@ import base64
 import gzip
 import json
 import re
+from collections.abc import Iterable
 from functools import cache
 from html.parser import HTMLParser
 
 import jsonschema
+import plotly.graph_objects as go
 
 from pipeline.flight.summary import flight_report
 from pipeline.results.flight import FlightResult
+from reports.figures.figure import Figure
 from reports.figures.flight import draw_flight
 from reports.pages.flight import flight_page
 from reports.report_json import schema
@@ -74,6 +77,16 @@ def drawn(page: str) -> list[dict]:
     travelling = re.search(r'<script type="application/json" id="figures">(.*?)</script>', page, re.DOTALL)
     assert travelling
     return [figure | unpack(figure["packed"]) for figure in strict(travelling.group(1))]
+
+
+def accepted(figures: Iterable[Figure]) -> list[str]:
+    """Have Plotly make figures, which raises on attributes that it does not know; return their ids."""
+    names = []
+    for figure in figures:
+        go.Figure(data=themed(figure.data), layout=themed(figure.layout))
+        assert figure.caption
+        names.append(figure.id)
+    return names
 
 
 def themed(value):

@@ -1,4 +1,4 @@
-"""Reports in a browser: axe-core finds nothing serious in them, bright or dark, wide or narrow, with all unfolded."""
+"""Reports in a browser: axe-core finds nothing serious in them, wide or narrow; plots for paper and for one flight."""
 
 from datetime import timedelta
 
@@ -13,6 +13,7 @@ from reports.pages.fleet import craft_page
 from reports.pages.parameters import parameters_page
 from sysid.rigid_body.physical import HEADLINE, PhysicalParameters
 from tests.pipeline.builders import OCTA, START, hovering
+from tests.reports.accounts import CRASH, LOST, answered
 from tests.reports.builders import page_of
 from tests.reports.conftest import composed
 
@@ -20,7 +21,7 @@ from tests.reports.conftest import composed
 @pytest.fixture(scope="module")
 def pages(flight, other, fleet, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pages")
-    (folder / "flight.html").write_text(page_of(flight), encoding="utf-8")
+    (folder / "flight.html").write_text(page_of(answered(flight, LOST, CRASH)), encoding="utf-8")
     return {
         "flight": folder / "flight.html",
         "folder": fleet / "report.html",
@@ -70,13 +71,52 @@ NAMES = ("flight", "folder", "craft", "craft over flights", "folder without a cr
 @pytest.mark.parametrize(
     ("name", "scheme", "width"),
     # All pages are of one style sheet: one of them shows it bright as well.
-    [*((name, "dark", 390) for name in NAMES), ("flight", "light", 1280)],
+    [*((name, "dark", 390) for name in NAMES), ("flight", "light", 1440)],
 )
-def test_nothing_serious_is_found(pages, page, name, scheme, width):
-    serious = pytest.importorskip("tests.axe").serious
+def test_nothing_serious_is_found_and_a_phone_need_not_scroll_sideways(pages, page, name, scheme, width):
+    serious, faults = pytest.importorskip("tests.axe").serious, []
+    page.on("pageerror", lambda error: faults.append(str(error)))
     page.emulate_media(color_scheme=scheme)
-    page.set_viewport_size({"width": width, "height": 800})
+    page.set_viewport_size({"width": width, "height": 900})
     page.goto(pages[name].as_uri())
+    if scheme == "light":
+        assert page.evaluate("document.getElementById('first').getBoundingClientRect().bottom") <= 900.0
     page.evaluate("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
     assert serious(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    assert not faults
+
+
+def test_plots_are_drawn_for_paper_and_for_the_flight_chosen(fleet, browser):
+    """What is printed as soon as the page has loaded holds every plot not folded, light, no wider than the page."""
+    page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme="dark")
+    faults: list[str] = []
+    page.on("pageerror", lambda error: faults.append(str(error)))
+    page.goto((fleet / "craft1.html").as_uri())
+    page.emulate_media(media="print", color_scheme="dark")
+    drawn_now = page.evaluate(
+        """() => {
+        dispatchEvent(new Event("beforeprint"));
+        const plots = [...document.querySelectorAll(".plot")].filter((each) => each.checkVisibility());
+        const text = getComputedStyle(document.documentElement).getPropertyValue("--text").trim();
+        const state = plots.map((each) => [each.id, Boolean(each.querySelector(".main-svg")), each._fullLayout?.width]);
+        return { state, text };
+    }"""
+    )
+    assert len(drawn_now["state"]) >= 2
+    assert all(is_drawn and width <= 690 for _, is_drawn, width in drawn_now["state"])
+    assert drawn_now["text"] == "#1c2126", "paper is light"
+    page.emulate_media(media="screen")
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    place = page.locator("#plot-1-prediction")
+    place.scroll_into_view_if_needed()
+    drawn = "document.getElementById('plot-1-prediction').data[0].y[100]"
+    before = page.evaluate(drawn)
+    page.get_by_label("Flight").select_option(label="flight01")
+    # Not `page.wait_for_function`: it polls with eval, which the page's policy refuses.
+    while page.evaluate(drawn) == before:
+        page.wait_for_timeout(20.0)
+    assert page.get_by_role("link", name="its page").get_attribute("href") == "flights/flight01/report.html"
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390, "a phone need not scroll sideways"
+    assert not faults
+    page.close()

@@ -84,38 +84,3 @@ def test_names_of_folders_are_those_of_links(flight, tmp_path):
     page = composed(tmp_path, [odd]).read_text("utf-8")
     folder = folder_names([odd.name])[odd.name]
     assert f'href="flights/{folder}/report.html"' in page
-
-
-def test_plots_are_drawn_for_paper_and_for_the_flight_chosen(fleet, browser):
-    """What is printed as soon as the page has loaded holds every plot not folded, light, no wider than the page."""
-    page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme="dark")
-    faults: list[str] = []
-    page.on("pageerror", lambda error: faults.append(str(error)))
-    page.goto((fleet / "craft1.html").as_uri())
-    page.emulate_media(media="print", color_scheme="dark")
-    drawn_now = page.evaluate(
-        """() => {
-        dispatchEvent(new Event("beforeprint"));
-        const plots = [...document.querySelectorAll(".plot")].filter((each) => each.checkVisibility());
-        const text = getComputedStyle(document.documentElement).getPropertyValue("--text").trim();
-        const state = plots.map((each) => [each.id, Boolean(each.querySelector(".main-svg")), each._fullLayout?.width]);
-        return { state, text };
-    }"""
-    )
-    assert len(drawn_now["state"]) >= 2
-    assert all(is_drawn and width <= 690 for _, is_drawn, width in drawn_now["state"])
-    assert drawn_now["text"] == "#1c2126", "paper is light"
-    page.emulate_media(media="screen")
-    page.evaluate("dispatchEvent(new Event('afterprint'))")
-    place = page.locator("#plot-1-prediction")
-    place.scroll_into_view_if_needed()
-    drawn = "document.getElementById('plot-1-prediction').data[0].y[100]"
-    before = page.evaluate(drawn)
-    page.get_by_label("Flight").select_option(label="flight01")
-    # Not `page.wait_for_function`: it polls with eval, which the page's policy refuses.
-    while page.evaluate(drawn) == before:
-        page.wait_for_timeout(20.0)
-    assert page.get_by_role("link", name="its page").get_attribute("href") == "flights/flight01/report.html"
-    assert page.evaluate("document.documentElement.scrollWidth") <= 390, "a phone need not scroll sideways"
-    assert not faults
-    page.close()

@@ -1,6 +1,5 @@
 """The track as maps read it: places by an independent geodesy, well-formed files whatever the names hold."""
 
-import csv
 import dataclasses
 import json
 import xml.etree.ElementTree as ElementTree
@@ -8,10 +7,8 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-import reports
 from core.findings import Severity
 from pipeline.results.failure import Failure
-from reports.files.folder import PARAMETERS
 from reports.files.tracks import FILES, write_track
 from tests.reports.accounts import account, happening
 
@@ -60,11 +57,3 @@ def test_without_a_position_there_is_no_track_and_an_old_one_goes(eventful, tmp_
     write_track(eventful, tmp_path)
     assert write_track(dataclasses.replace(eventful, trajectory=Failure("trajectory", "no IMU")), tmp_path) == ()
     assert list(tmp_path.iterdir()) == []
-
-
-def test_parameters_without_a_fit_are_a_head_only(eventful, tmp_path):
-    reports.write(dataclasses.replace(eventful, parameters=Failure("parameters", "no IMU")), tmp_path)
-    file = tmp_path / "parameters.csv"
-    with file.open(newline="", encoding="utf-8") as stream:
-        rows = list(csv.reader(stream))
-    assert rows == [list(PARAMETERS)]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks import __main__ as runner
-from benchmarks import real_flights
 from benchmarks.flight_large import repeat
 from logparse import read_log
 from tests.paths import SAMPLES
@@ -16,20 +15,13 @@ from tests.paths import SAMPLES
     ("ours", "ratio", "goal", "verdict"),
     [
         ("34 ms", "130", "< 20 ms", "MISSED"),
-        ("0.2 s", "-", "< 0.7 s", "yes"),
-        ("0.01 s", "22", "> 40", "MISSED"),
         ("0.01 s", "130 x", "> 20", "yes"),
         ("10 of 10", "-", ">= 10 of 10", "yes"),
-        ("0.01 s", "22", "-", ""),
         ("not measured", "-", "< 3 s", ""),
     ],
 )
 def test_a_goal_is_of_the_ratio_or_of_ours(ours: str, ratio: str, goal: str, verdict: str) -> None:
     assert runner.met(("what", ours, "peer", ratio, goal)) == verdict
-
-
-def test_what_was_not_compared_is_neither_met_nor_missed():
-    assert runner.met(("what", "1510", "peer not installed", "-", "> 9")) == ""
 
 
 def test_a_ratio_that_fell_by_more_than_half_is_named() -> None:
@@ -55,12 +47,6 @@ def test_the_table_takes_the_place_of_the_one_before(tmp_path: Path, monkeypatch
 def test_a_benchmark_that_fails_or_does_not_end_is_a_row() -> None:
     assert runner.measure("no_such_benchmark", [], 60.0)[0][0].startswith("failed: ")
     assert runner.measure("short", [], 0.01)[0][0] == "not run: out of time"
-
-
-def test_flights_that_are_not_there_are_no_empty_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(real_flights, "data_folder", lambda: tmp_path)
-    with pytest.raises(SystemExit, match=r"no flights of nanodrone, .*, px4-sitl, crazyflie in"):
-        real_flights.run()
 
 
 def test_a_repeated_stretch_goes_on_in_time(tmp_path: Path) -> None:

@@ -1,9 +1,13 @@
 """``import rotorid as ro``: quick to import, every name there, results that show themselves, the README's example."""
 
+import dataclasses
 import importlib
+import io
 import pickle
 import pkgutil
 import re
+from contextlib import chdir, redirect_stdout
+from types import SimpleNamespace
 
 import numpy as np
 import plotly.graph_objects as go
@@ -18,31 +22,44 @@ from logparse import RotoridError
 from logparse.signals import SignalError
 from pipeline.config import ConfigError
 from sysid.records.experiment import ExperimentError
-from tests.paths import ROOT
+from tests.paths import ROOT, SAMPLES
 
-LOG = ROOT / "sample_logs" / "octa08_denver_square.bin"
+LOG = SAMPLES / "octa08_denver_square.bin"
 #: What a notebook or a terminal should not be asked to scroll.
 MOST_LINES = 10
 
 
 @pytest.fixture(scope="module")
-def log():
-    return ro.load(LOG)
+def readme(tmp_path_factory):
+    """Run the README's example as printed; return its names."""
+    [example] = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+    folder, names = tmp_path_factory.mktemp("readme"), {}
+    (folder / "sample_logs").symlink_to(SAMPLES)
+    with chdir(folder), redirect_stdout(io.StringIO()) as printed:
+        exec(compile(example, "README.md", "exec"), names)
+    assert printed.getvalue().splitlines()[0].split() == ["rmse", "best_baseline", "trusted"]
+    assert (folder / "out" / "report.html").is_file()
+    return SimpleNamespace(**names)
 
 
 @pytest.fixture(scope="module")
-def halves(log):
-    return log.experiment(rate=25.0).split(0.45)
+def log(readme):
+    return readme.log
 
 
 @pytest.fixture(scope="module")
-def body(halves):
-    return ro.fit.rigid_body(halves[0], mass=4.3)
+def halves(readme):
+    return readme.train, readme.unseen
+
+
+@pytest.fixture(scope="module")
+def body(readme):
+    return readme.body
 
 
 @pytest.fixture(scope="module")
 def chirps():
-    return ro.load(ROOT / "sample_logs" / "quad02_delft_systemid.bin")
+    return ro.load(SAMPLES / "quad02_delft_systemid.bin")
 
 
 class Still:
@@ -63,16 +80,6 @@ def test_every_name_is_there():
     assert set(ro.__all__) <= set(dir(ro))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = ro.nothing
-
-
-def test_the_example_of_the_readme_runs_as_printed(tmp_path, monkeypatch, capsys):
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    [example] = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "sample_logs").symlink_to(ROOT / "sample_logs")
-    exec(compile(example, "README.md", "exec"), {})
-    head = capsys.readouterr().out.splitlines()[0].split()
-    assert head == ["rmse", "best_baseline", "trusted"]
 
 
 def test_a_log_is_inspected(log):
@@ -104,11 +111,6 @@ def test_no_result_shows_its_arrays_instead_of_its_summary():
     assert not classes
 
 
-def test_one_record_counts_as_a_list_of_one(halves):
-    alone, listed = (ro.fit.thrust(records) for records in (halves[0], [halves[0]]))
-    assert alone.common == listed.common
-
-
 def test_a_users_own_model_is_validated_beside_ours(halves, body):
     comparison = ro.validate([body, Still()], halves[1])
     still = comparison.table.loc["Still"]
@@ -125,7 +127,10 @@ def test_records_have_a_length_and_can_be_cut(halves):
         _ = record[::2]
 
 
-def test_plots_come_in_one_line(log, halves, body):
+def test_plots_come_in_one_line(log, halves, body, chirps):
+    frf = ro.frequency.response(chirps, "pitch")
+    bode = ro.plot.bode(frf, ro.frequency.fit(frf))
+    assert [trace.name for trace in bode.data if trace.showlegend] == ["measured pitch", "model"]
     figures = (
         ro.plot.prediction([body, Still()], halves[1], horizon=1.0),
         ro.plot.track(log),
@@ -140,9 +145,11 @@ def test_plots_come_in_one_line(log, halves, body):
         ro.plot.fields(log, "ATT.Rol")
 
 
-def test_a_setting_that_does_not_exist_is_named():
+def test_what_does_not_exist_is_named(readme):
     with pytest.raises(ConfigError, match=r"masss.*mass"):
         ro.analyze(LOG, masss=3.0)
+    with pytest.raises(KeyError, match=r"\['x', 'm1'\]"):
+        _ = readme.tf["z"]
 
 
 @pytest.mark.slow
@@ -201,23 +208,11 @@ def test_what_is_no_log_is_named(function, error, wrong):
             function(given)
 
 
-def test_bode_lays_a_fit_over_what_was_measured(chirps):
-    frf = ro.frequency.response(chirps, "pitch")
-    figure = ro.plot.bode(frf, ro.frequency.fit(frf))
-    assert [trace.name for trace in figure.data if trace.showlegend] == ["measured pitch", "model"]
-
-
-def test_one_function_of_several_is_asked_for_by_output_and_input(halves):
-    tf = ro.fit.transfer_functions(halves[0].resample(10.0), poles=2, zeros=1)
-    with pytest.raises(KeyError, match=r"\['x', 'm1'\]"):
-        _ = tf["z"]
-
-
-def test_the_second_part_of_a_split_is_judged_with_the_wind_of_the_first(body, halves):
+def test_the_second_part_of_a_split_is_judged_with_the_wind_of_the_first(readme):
     """As the command line does: alone, the second part would have to spend its beginning on finding the wind."""
-    import dataclasses
-
-    alone = dataclasses.replace(halves[1], before=None)
-    informed, blind = (ro.validate(body, part).validations[0] for part in (halves[1], alone))
-    assert halves[1].before is halves[0]
+    first, second = readme.data.split(0.45)
+    alone = dataclasses.replace(second, before=None)
+    body = ro.fit.rigid_body(first, mass=1.6)
+    informed, blind = (ro.validate(body, part).validations[0] for part in (second, alone))
+    assert second.before is first
     assert informed.average["x"] != blind.average["x"]
