@@ -19,7 +19,7 @@ from tests.reports.made import made
 START = datetime(2025, 6, 1, 8, tzinfo=UTC)
 
 
-def log(day: float, thrust: float = 8.5, craft: str = "octa", word: str = "yes", **facts: object) -> bytes:
+def log(day: float | None, thrust: float = 8.5, craft: str = "octa", word: str = "yes", **facts: object) -> bytes:
     """Write a log: a flight on a day, with what it says of its thrust, and whether it was healthy."""
     return json.dumps({"day": day, "thrust": thrust, "craft": craft, "word": word, **facts}).encode()
 

@@ -5,10 +5,9 @@ import logging
 import os
 import signal
 import time
-from dataclasses import replace
 from pathlib import Path
 
-from api.work.worker import Task, TaskProgress, analyze_logs
+from api.work.worker import Task, TaskProgress
 from logparse import LogError
 from logparse.containers import open_buffer
 
@@ -70,8 +69,3 @@ def analyze(task: Task, progress: TaskProgress) -> None:
     (folder / "tables").mkdir()
     (folder / "tables" / "imu.parquet").write_bytes(b"PAR1")
     (folder / "rmse.csv").write_text("flight,x,y,z\n1,0.25,0.2,0.3\n")
-
-
-def analyze_patiently(task: Task, progress: TaskProgress) -> None:
-    """Run the pipeline itself, and let no fit be given up because the computer is slow."""
-    analyze_logs(replace(task, configuration={**task.configuration, "time_limit": 3600.0}), progress)

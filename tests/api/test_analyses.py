@@ -1,6 +1,5 @@
 """An analysis ends with its results or with a reason, whatever its process does, and the service goes on."""
 
-import gzip
 import json
 import multiprocessing
 import re
@@ -10,7 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from api import Settings, create_app
+from api import Settings
 from api.settings import LogFormat
 from api.work.worker import Task, TaskLimits, run
 from tests.api import standins
@@ -48,26 +47,6 @@ def test_one_call_answers_with_models_and_report(service: httpx.Client, upload: 
         "rmse.csv": "text/csv; charset=utf-8",
         "tables/imu.parquet": "application/vnd.apache.parquet",
     }
-
-
-@pytest.mark.parametrize(
-    ("content", "status", "kind", "says"),
-    [
-        (b"refused", 422, "unusable-log", "set LOG_BITMASK to include motor outputs"),
-        (b"bug", 500, "analysis-crashed", "mistake of rotorid, not yours"),
-        (b"greedy", 422, "analysis-too-large", "more than the 600 MB"),
-        (gzip.compress(bytes(5_000_000)), 422, "unusable-log", "unpacks to more than 0.004 GB"),
-    ],
-)
-def test_a_poisonous_log_fails_alone(
-    service: httpx.Client, upload: Upload, content: bytes, status: int, kind: str, says: str
-) -> None:
-    response = upload(service, content)
-    assert response.status_code == status
-    assert response.headers["Content-Type"] == "application/problem+json"
-    assert response.json()["type"] == f"urn:rotorid:problem:{kind}"
-    assert says in response.json()["detail"]
-    assert upload(service, b"good log").status_code == 201
 
 
 def test_a_bug_is_logged_with_its_traceback_under_the_reference_that_its_user_is_told(
@@ -129,9 +108,3 @@ def test_what_a_stopping_service_was_doing_goes_on_when_it_is_back(tmp_path: Pat
         wait_until(lambda: len(client.get("/api/v1/analyses", params={"state": "done"}).json()["items"]) == 2)
         assert client.get(address, params={"include": "report"}).json()["report"]["name"] == "a.bin"
         assert client.get(address).json()["attempts"] == 1
-
-
-def test_a_data_folder_that_cannot_be_written_is_known_at_the_start(tmp_path: Path) -> None:
-    (tmp_path / "data").write_text("a file where the folder should be")
-    with pytest.raises(OSError, match="data"):
-        create_app(Settings(data=tmp_path / "data"))

@@ -1,22 +1,26 @@
-"""What people do on the pages, in a real browser: upload, follow, read, share, delete, sign in; at any width."""
+"""What people do on the pages, in a real browser: upload, read, share, delete, sign in, name a craft; at any width."""
 
-import json
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, Route, expect
 
 from api import Settings
 from api.settings import Access
+from api.work.craft_flights import keep
+from api.work.outcome import Flown
 from api.work.worker import analyze_logs
-from tests.api import standins
 from tests.api.browsing import PHONE, File, assert_accessible, assert_fits, watched
 from tests.api.conftest import served
 from tests.api.programs import PATIENCE
 from tests.api.visits import ordered
+from tests.axe import serious
 from tests.paths import SAMPLES
+from tests.pipeline.builders import hovering
 
 expect.set_options(timeout=PATIENCE * 1000.0)  # only what never comes may meet it, on a busy computer too
 
@@ -97,25 +101,6 @@ def test_several_logs_each_on_its_own(page: Page) -> None:
     assert [rows.nth(row).get_by_role("link").inner_text() for row in (0, 1)] == ["two.bin", "one.bin"]
 
 
-def test_several_logs_together(page: Page, service: httpx.Client) -> None:
-    choose(page, ("a.bin", b"good a"), ("b.bin", b"good b"))
-    page.get_by_role("button", name="Analyse together").click()
-    page.wait_for_url("**/analyses/*")
-    expect(page.get_by_role("heading", name="a.bin and 1 more")).to_be_visible()
-    page.get_by_text("Flights", exact=True).click()
-    page.get_by_role("link", name="b.bin").click()
-    expect(page.frame_locator("iframe").get_by_role("heading", name="b.bin")).to_be_visible()
-    page.get_by_role("link", name="Analyse again").click()
-    expect(page.get_by_label("a.bin")).to_be_checked()
-    page.get_by_label("a.bin").uncheck()
-    page.get_by_label("b.bin").check()
-    assert_accessible(page)
-    page.get_by_role("button", name="Analyse").click()
-    page.wait_for_url(lambda url: not url.endswith("/again"))
-    ordered = service.get(f"/api/v1/analyses/{page.url.rpartition('/')[2]}").json()
-    assert ordered["configuration"] == {"training": ["b.bin"]}
-
-
 def test_a_log_is_dropped(page: Page) -> None:
     page.goto("/")
     transfer = page.evaluate_handle(
@@ -194,20 +179,6 @@ def test_an_analysis_is_cancelled_and_done_again_with_other_settings(page: Page)
     expect(page.locator(f'#analyses a[href="{address}"]')).to_have_count(0)
 
 
-def test_the_list_has_parts(page: Page, service: httpx.Client) -> None:
-    log = service.post("/api/v1/logs", files={"file": ("many.bin", b"hang many times")}).json()["id"]
-    for _ in range(27):
-        address = service.post("/api/v1/analyses", json={"log": log}).headers["Location"]
-        service.post(f"{address}/cancel")
-    page.goto("/analyses?state=cancelled")
-    expect(page.locator("#analyses li")).to_have_count(25)
-    page.get_by_role("link", name="Older").click()
-    expect(page.locator("#analyses li").first).to_contain_text("many.bin")
-    expect(page.get_by_role("link", name="Newest")).to_be_visible()
-    page.goto("/analyses?state=queued")
-    expect(page.get_by_text("No analysis is waiting.")).to_be_visible()
-
-
 def test_a_report_is_shared_and_taken_back(page: Page, browser: Browser, service: httpx.Client) -> None:
     choose(page, ("shared.bin", b"good to share"))
     page.get_by_text("Share", exact=True).click()
@@ -270,43 +241,10 @@ def test_no_page_scrolls_sideways_on_a_phone(page: Page) -> None:
         assert_accessible(page)
 
 
-def test_the_pages_are_dark_where_the_visitor_wants_it(page: Page) -> None:
-    page.goto("/analyses")
-    for scheme, expected in (("light", "rgb(255, 255, 255)"), ("dark", "rgb(21, 24, 28)")):
-        page.emulate_media(color_scheme=scheme)
-        assert page.evaluate("getComputedStyle(document.body).backgroundColor") == expected
-        assert_accessible(page)  # the contrast of every text among it
-
-
 def test_the_reference_is_drawn_without_anything_from_elsewhere(page: Page) -> None:
     page.goto("/docs")
     expect(page.get_by_text("Upload logs, and analyse them in the same call if wanted")).to_be_visible()
     assert_fits(page)
-
-
-@pytest.mark.whole
-def test_a_sample_becomes_a_real_report(browser: Browser, tmp_path: Path) -> None:
-    """The pipeline itself, and its report in our frame: drawn under its policy, on a phone, with a choice of models."""
-    settings = Settings(data=tmp_path, workers=1, time_limit=3600.0)
-    with (
-        served(settings, standins.analyze_patiently) as client,
-        watched(browser, client, viewport=PHONE) as page,
-    ):
-        page.goto("/")
-        page.get_by_label("Open a sample flight").select_option("octa01_zurich_calm")
-        page.get_by_role("button", name="Open").click()
-        report = page.frame_locator("iframe")
-        expect(report.get_by_role("heading", name="octa01_zurich_calm")).to_be_visible(timeout=3_600_000.0)
-        for part in ("The flight", "Models", "Findings"):
-            expect(report.get_by_role("heading", name=part, exact=True)).to_be_attached()
-        expect(report.locator("figure .plot svg").first).to_be_attached()
-        frame = page.frame(name="report")
-        assert frame is not None
-        assert frame.evaluate("document.documentElement.scrollWidth <= innerWidth")
-        page.get_by_text("Downloads").click()
-        with page.expect_download() as download:
-            page.get_by_role("link", name="Models", exact=True).click()
-        assert json.loads(download.value.path().read_text())
 
 
 def test_a_token_opens_the_service(browser: Browser, tmp_path: Path) -> None:
@@ -358,3 +296,44 @@ def test_signals_are_explored_by_everybody(browser: Browser, tmp_path: Path) -> 
             page.goto("/logs")
             assert_accessible(page)
             assert_fits(page)
+
+
+#: Called so, a flight and a craft are text on every page, and no element.
+MARKUP = "<img src=x onerror=alert(1)><b>bold</b>"
+
+
+def test_a_craft_is_named_noted_and_read_by_everybody(browser: Browser, tmp_path: Path) -> None:
+    with served(data=tmp_path, workers=1) as client:
+        with client.parts.database.write() as session:
+            for number, entry in enumerate(hovering(np.random.default_rng(1), "octa", 5, scatter=0.001)):
+                named = dataclasses.replace(entry, name=f"{MARKUP} {number}")
+                keep(session, "", f"{number:032x}", Flown(named), (None, None, ""))
+        client.parts.reviews.look()
+        (craft,) = client.get("/api/v1/crafts").json()["items"]
+        with watched(browser, client) as page:
+            page.goto(craft["links"]["page"])
+            page.get_by_label("Name").fill(MARKUP)
+            page.get_by_role("button", name="Call it so").click()
+            expect(page.get_by_role("heading", level=1)).to_have_text(MARKUP)
+            page.get_by_label("What", exact=True).fill(f"new propellers {MARKUP}")
+            page.get_by_role("button", name="Note it").click()
+            expect(page.get_by_role("listitem").filter(has_text="new propellers")).to_contain_text(MARKUP)
+            assert page.locator("main b, main img, main script").count() == 0
+            for scheme, viewport in (("light", {"width": 1280, "height": 800}), ("dark", PHONE)):
+                page.emulate_media(color_scheme=scheme)
+                page.set_viewport_size(viewport)
+                page.goto(craft["links"]["page"])
+                assert_accessible(page)
+                # The table of flights scrolls by itself; the page does not.
+                assert page.evaluate("document.documentElement.scrollWidth") <= viewport["width"]
+                frame = page.frame_locator("iframe.craft")
+                page.locator("iframe.craft").scroll_into_view_if_needed()
+                expect(frame.get_by_role("heading", name="Over the flights")).to_be_visible()
+                assert serious(page.frames[1]) == []
+                # The boxes above a plot are its legend: there is no second one.
+                expect(frame.locator(".choice .swatch").first).to_be_visible()
+                assert frame.locator(".choice + .plot svg g.legend").count() == 0
+                assert frame.locator("img, script[src=x]").count() == 0
+                page.goto("/crafts")
+                assert_accessible(page)
+                assert_fits(page)

@@ -51,6 +51,28 @@ def test_htmx_comes_from_us(service: httpx.Client) -> None:
     assert (htmx.status_code, htmx.text[:8]) == (200, "var htmx")
 
 
+def test_the_list_has_parts_and_logs_are_analysed_together_again(service: httpx.Client) -> None:
+    files = [("file", (name, f"good {name}".encode())) for name in ("a.bin", "b.bin")]
+    logs = [log["id"] for log in service.post("/api/v1/logs", files=files).json()["logs"]]
+    orders = [service.post("/api/v1/analyses", json={"logs": logs}).headers["Location"] for _ in range(27)]
+    wait_until(lambda: bool(service.get(orders[0]).json()["ended"]))
+    for address in orders:
+        service.post(f"{address}/cancel")
+
+    def links(path: str) -> list[str]:
+        return [link["href"] or "" for link in Page(service.get(path).text).all("a")]
+
+    newest = links("/analyses")
+    older = links(next(link for link in newest if "after=" in link))
+    pages = [order.removeprefix("/api/v1") for order in reversed(orders)]
+    assert [link for link in newest if link in pages] == pages[:25]
+    assert [link for link in older if link in pages] == pages[25:]
+    assert "No analysis is waiting." in service.get("/analyses?state=queued").text
+    assert 'value="b.bin"' in service.get(f"{pages[-1]}/again").text
+    again = service.post(f"{pages[-1]}/again", data={"training": ["b.bin"]}).headers["Location"]
+    assert service.get(f"/api/v1{again}").json()["configuration"] == {"training": ["b.bin"]}
+
+
 def test_buttons_work_without_scripts(service: httpx.Client, upload: Upload) -> None:
     page = upload(service, b"good buttons").json()["links"]["page"]
     shared = service.post(f"{page}/share", data={"days": "7"}).text
