@@ -172,14 +172,7 @@ def fly(
     return Flight(tables, truth, biases)
 
 
-def _gps(
-    rng: np.random.Generator,
-    sensors: Sensors,
-    frame: LocalFrame,
-    t: np.ndarray,
-    position: np.ndarray,
-    velocity: np.ndarray,
-) -> pd.DataFrame:
+def _gps(rng: np.random.Generator, sensors: Sensors, frame: LocalFrame, t, position, velocity) -> pd.DataFrame:
     rows = np.arange(round(0.1 / STEP), len(t), round(1.0 / sensors.gps_rate / STEP))
     m = len(rows)
     sigma = np.array(sensors.gps_error)
@@ -215,9 +208,7 @@ def _baro(rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: n
     return timed(t[rows], alt=alt, pressure=np.nan, temperature=np.nan)
 
 
-def _ranges(
-    rng: np.random.Generator, sensors: Sensors, t: np.ndarray, position: np.ndarray, C: np.ndarray
-) -> pd.DataFrame:
+def _ranges(rng: np.random.Generator, sensors: Sensors, t, position, C) -> pd.DataFrame:
     """Return what a sensor 0.1 m above level ground at the origin's height sees along the body's down axis."""
     rows = np.arange(0, len(t), round(0.1 / STEP))
     distance = (0.1 - position[rows, 2]) / C[rows, 2, 2] + rng.normal(0.0, sensors.range_finder, len(rows))

@@ -25,6 +25,8 @@ def test_trajectory_has_the_promised_columns(trajectory, flight):
     assert list(trajectory.states.columns) == [*STATE_COLUMNS, *names]
     assert list(trajectory.sigma.columns) == [*SIGMA_COLUMNS, *names]
     assert trajectory.method == "strapdown"
+    # Likelihood knows the lag of either sensor to some milliseconds on 100 s of flight.
+    assert trajectory.diagnostics["lags"] == pytest.approx({"mag": 0.0, "gps": 0.0, "baro": 0.0}, abs=0.02)
     assert trajectory.findings == ()
     steps = np.diff(trajectory.states.index.to_numpy())
     np.testing.assert_allclose(steps, 0.02, atol=1e-9)
@@ -47,11 +49,6 @@ def test_the_time_of_the_imu_is_shifted_by_its_filter(flight, trajectory):
     assert trajectory.diagnostics["gyro_delay"] == pytest.approx(0.01125, rel=1e-3)
     assert blind.diagnostics["gyro_delay"] == 0.0
     assert compare(trajectory, flight.settled()).tilt < compare(blind, flight.settled()).tilt
-
-
-def test_a_known_lag_is_left_alone(trajectory):
-    """Likelihood knows the lag of either sensor to some milliseconds on 100 s of flight."""
-    assert trajectory.diagnostics["lags"] == pytest.approx({"mag": 0.0, "gps": 0.0, "baro": 0.0}, abs=0.02)
 
 
 def test_an_outage_is_bridged(flight):

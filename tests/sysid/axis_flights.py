@@ -10,14 +10,29 @@ from typing import Any
 import numpy as np
 
 from logparse import FlightLog, read_log
-from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis, settings_of, write_rate_log
+from simulation.axis_loop import (
+    AxisPlant,
+    AxisRun,
+    LoopGains,
+    Shaking,
+    gains_of,
+    run_axis,
+    settings_of,
+    true_loop,
+    write_rate_log,
+)
 from sysid.frequency.records import AxisRecord
+from sysid.loops.controller import LoopSettings
 from sysid.loops.loop import LoopRecord, RateLoop, loop_of_records
+from sysid.loops.margins import margins_of
+from sysid.loops.search import AxisTuning
 
 PLANT = AxisPlant(gain=300.0, damping=2.0, lag=0.03, delay=0.004)
 GAINS = LoopGains.crossing_at(PLANT, 3.0)
 CHIRP = Shaking(duration=40.0, chirp=(0.4, 40.0, 0.08), chirp_seconds=39.0, gust=0.4, noise=0.005)
 STICKS = Shaking(duration=90.0, stick=0.2, gust=0.2, noise=0.003)
+#: Frequencies of true margins.
+HZ = np.geomspace(0.1, 120.0, 4000)
 #: The published procedure's chirp.
 PROCEDURE = {"band": (0.1, 10.0), "seconds": 121.0, "fades": (5.0, 5.0)}
 
@@ -99,6 +114,23 @@ def records_of_flight(run: AxisRun, name: str = "simulated") -> tuple[LoopRecord
 def loop_of_flight(run: AxisRun, plant: AxisPlant, gains: LoopGains, name: str = "simulated") -> RateLoop:
     """Identify the loop from a flight's chirp."""
     return loop_of_records(name, records_of_flight(run, name), settings_of(plant, gains))
+
+
+def true_margins(plant: AxisPlant, flown: LoopGains | LoopSettings) -> dict[str, float]:
+    """Return the margins that a craft has with these gains, by its formula."""
+    gains = flown if isinstance(flown, LoopGains) else gains_of(flown)
+    return margins_of(HZ, true_loop(plant, gains, HZ)).row(0)
+
+
+def kept_promise(plant: AxisPlant, tuning: AxisTuning) -> dict[str, float]:
+    """Return the true margins of what was proposed for a craft, which are no worse than what was promised."""
+    assert tuning.tuned is not None, tuning.refused
+    truth = true_margins(plant, tuning.tuned.settings)
+    assert truth["stable"]
+    assert not truth["gain_db"] < tuning.worst["gain_db"]  # none has no gain margin
+    assert truth["phase_deg"] >= tuning.worst["phase_deg"]
+    assert truth["peak_db"] <= tuning.worst["peak_db"]
+    return truth
 
 
 def procedure_loop(plant: AxisPlant, gains: LoopGains, seed: int) -> RateLoop:

@@ -83,16 +83,8 @@ def fly(
 ) -> Tables:
     """Fly with random sticks, a centre of gravity off the middle and coloured gusts of moment.
 
-    Parameters
-    ----------
-    gust : float
-        Standard deviation of the disturbing moments, in parts of a motor's full thrust; correlated over 2 s.
-    drift : float
-        How much the balance of the moments wanders linearly over the flight, same unit.
-    shift : tuple, optional
-        Time [s] and sudden change of roll, pitch and yaw moment, as when a payload drops.
-    off : float
-        Standard deviation of lasting moments, as of a centre of gravity to one side.
+    Standard deviations in parts of a motor's full thrust: `gust` of moments correlated over 2 s, `drift` of a linear
+    wander over the flight, `off` of lasting ones. `shift`: time [s] and sudden change about roll, pitch and yaw.
     """
     rng = np.random.default_rng(seed)
     factors = np.array([[motor.roll, motor.pitch, motor.yaw] for motor in vehicle.motors])

@@ -45,18 +45,10 @@ class Truth:
 
 
 def firmware_truth(facts: Mapping, record: Experiment, voltage: float, *, rotor_drag: bool = True) -> Truth:
-    """Read the truth beside a log of ArduPilot's simulator; its yaw torque goes with command times thrust.
+    """Read the truth beside a log of ArduPilot's simulator (its JSON), at a voltage [V], in the air of a record.
 
-    Parameters
-    ----------
-    facts : mapping
-        The JSON beside the log.
-    record : Experiment
-        Tells the hover command, about which the yaw torque is linearised, and the air.
-    voltage : float
-        Reference of the fit, V.
-    rotor_drag : bool
-        Whether linear drag was fitted as going with the rotors' speed; else with density.
+    Its yaw torque goes with command times thrust: linearised about the record's hover. Linear drag as fitted, by the
+    rotors' speed or by density.
     """
     truth, wind = facts["truth"], facts["wind"]
     inputs, mass, arm = truth["model_inputs"], truth["mass_kg"], truth["arm_length_m"]

@@ -57,21 +57,7 @@ def held(g: tuple[list[float], list[float]], u: np.ndarray, dt: float) -> np.nda
 def record(seed: int, number: int, outputs: str = "xyz") -> tuple[Experiment, np.ndarray]:
     """Simulate 180 s at 10 Hz from rest, with eight correlated inputs as `benchmarks.sysid` has them.
 
-    Parameters
-    ----------
-    seed : int
-        Of the set of records.
-    number : int
-        Within the set.
-    outputs : str
-        Which of x, y, z.
-
-    Returns
-    -------
-    experiment : Experiment
-        With noise.
-    clean : ndarray, shape (1800, p)
-        Outputs without noise.
+    Returns the record, with noise, of a number in the set of this seed, and its outputs without, shape (1800, p).
     """
     samples, dt = 1800, 0.1
     rng = np.random.default_rng([seed, number])

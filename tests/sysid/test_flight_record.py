@@ -46,18 +46,12 @@ def test_height_counts_from_where_the_craft_rested():
     assert "height" not in Experiment.from_flight(*made()).context
 
 
-def test_records_of_one_flight_and_clock_share_their_context():
-    log, trajectory = made()
-    first = Experiment.from_flight(log, trajectory)
-    same = Experiment.from_flight(log, trajectory, outputs="velocity", beside=[first])
-    faster = Experiment.from_flight(log, trajectory, rate=20.0, beside=[first])
-    assert same.context is first.context
-    assert len(faster.context) == len(faster.t)
-
-
-def test_gaps_in_the_motor_outputs_end_the_record():
+@pytest.mark.parametrize("lost", ["rows", "a motor"])
+def test_gaps_in_the_motor_outputs_end_the_record(lost):
     log, _ = made()
-    kept = log.tables.motors.drop(log.tables.motors.loc[20.0:25.0].index)
+    kept = log.tables.motors.copy()
+    kept.loc[20.0:25.0, ["m2"] if lost == "a motor" else ["m1", "m2"]] = np.nan
+    kept = kept.dropna(how="all")
     record = Experiment.from_flight(*made(motors=kept))
     assert record.t[0] >= 25.0
     assert [finding.id for finding in record.findings] == ["log-gaps"]

@@ -13,7 +13,6 @@ from sysid import fit_rigid_body
 from sysid.rigid_body._filter_kernels import whiten
 from sysid.rigid_body.body_motion import SHARED, THETA, motion
 from sysid.rigid_body.systematic import folded, form_and_attitude
-from tests.forms import short_and_whole
 from tests.sysid.craft_flights import HOVER, flown, record
 
 SHAKEN = Mission(
@@ -61,8 +60,7 @@ def test_whitening_is_that_of_the_covariance():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("flights", short_and_whole(3, 6))
-def test_gusts_are_not_taken_for_drag(flights):
+def test_gusts_are_not_taken_for_drag():
     """Flights in gusts of 1.5 m/s on 6 m/s: drag within 15 % on average, errors as large as claimed.
 
     Output error with a wind that varies slowly finds 35 to 66 % too much here, and claims 4 m/s and more for the wind.
@@ -71,7 +69,7 @@ def test_gusts_are_not_taken_for_drag(flights):
     craft = quadcopter()
     truth = [4.0 * craft.drag_linear[k] / craft.mass + 9.8 * craft.drag_area[k] / craft.mass for k in (0, 1)]
     relative, of_drag, of_wind, claimed, off = [], [], [], [], []
-    for seed in range(flights):
+    for seed in range(6):
         wind = Wind(speed=6.0, from_deg=60.0 * seed, gusts=1.5)
         flight = flown(craft, wind=wind, seed=seed, rate=25.0)
         seen = record(flight, np.random.default_rng(seed), 0.05)
@@ -91,30 +89,6 @@ def test_gusts_are_not_taken_for_drag(flights):
         assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
         assert np.max(np.abs(z)) < 4.0
     assert np.median(claimed) < 2.0 * np.sqrt(np.mean(np.square(off)))
-
-
-def test_a_shaken_hover_in_wind_claims_drag_and_wind_within_three_sigma():
-    seed = 11
-    wind = Wind(speed=2.0, from_deg=270.0, gusts=1.0)
-    flight = flown(quadcopter(), SHAKEN, wind=wind, seed=seed)
-    seen = record(flight, np.random.default_rng(seed), 0.05)
-    model = fit_rigid_body([seen])
-    craft = quadcopter()
-    for k, axis in enumerate("xy"):
-        linear = model.parameters[f"drag_linear_{axis}"]
-        if linear.determined:
-            assert abs(linear.value - craft.drag_linear[k] / craft.mass) < 3.0 * linear.sigma
-        else:
-            assert "at several speeds" in linear.reason
-        assert not model.parameters[f"drag_quadratic_{axis}"].determined
-    blown = flight.truth.loc[seen.t[0] : seen.t[-1], ["wind_n", "wind_e"]].mean().to_numpy()
-    trim = model.flights[seen.name]
-    assert abs(trim.wind_n - blown[0]) < 3.0 * trim.wind_sigma
-    assert abs(trim.wind_e - blown[1]) < 3.0 * trim.wind_sigma
-    for axis in ("roll", "pitch"):
-        gain = model.parameters[f"{axis}_gain"]
-        assert gain.determined
-        assert gain.sigma >= 0.01 * gain.value
 
 
 def test_a_constant_motor_and_outputs_of_another_flight_are_named():

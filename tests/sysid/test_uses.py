@@ -41,10 +41,8 @@ def assess(table, outside=frozenset()):
     [
         ({"x": 90.0, "z": 80.0}, {}, Trust.YES, "can be trusted"),
         ({"x": 90.0, "z": 20.0}, {}, Trust.LIMITED, "in x only"),
-        ({"x": 90.0, "z": -40.0}, {}, Trust.LIMITED, "in x only"),
         ({"x": -90.0, "z": -40.0}, {}, Trust.NO, "Do not trust"),
         ({"x": float("nan"), "z": 90.0}, {}, Trust.LIMITED, "in z only"),
-        ({"x": 20.0, "z": -20.0}, {}, Trust.NO, "Do not trust"),
         ({"x": 90.0, "z": 80.0}, {"flights": "a"}, Trust.LIMITED, "only one record has judged it"),
         # A held-out stretch in which the craft hardly had time to move flatters any model.
         ({"x": 99.0}, {"duration": 2.2}, Trust.UNKNOWN, "too short"),

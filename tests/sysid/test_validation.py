@@ -49,17 +49,6 @@ def test_errors_and_baselines_in_closed_form():
     assert ahead["rmse_constant_velocity"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_judgement_says_what_the_table_says():
-    """A climb that constant velocity predicts exactly is not followed, however small the error."""
-    validation = validate(Known(0.5), [record("unseen"), record("another")])
-    run = validation.uses.free_run
-    assert (run.trust, run.follows, run.flights_within) == (Trust.LIMITED, ("x",), 2)
-    means = validation.table.groupby("output")[["rmse", "rmse_mean"]].mean()
-    assert run.error_over_mean == pytest.approx((means["rmse"] / means["rmse_mean"]).to_dict())
-    assert validation.uses.prediction.horizons_s == ()
-    assert "free simulation   with care (" in repr(validation)
-
-
 def test_a_model_that_beats_its_best_baseline_by_three_per_cent_does_not_follow():
     """A steady climb with swings: constant velocity errs far less than the mean, and is what a model must beat."""
     t = np.arange(400) * 0.1
@@ -82,13 +71,6 @@ def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_validation_says_so(
     assert validation.report().own_trim
     assert validation.uses.free_run.trust is Trust.YES
     assert not validate(Known(0.5), records).own_trim
-
-
-def test_nothing_unseen_is_nothing_validated():
-    validation = validate(Known(0.01), [record("seen")])
-    assert not validation.unseen
-    assert validation.uses.free_run.trust is Trust.UNKNOWN
-    assert not validation.uses.prediction.judged
 
 
 def test_seen_flights_do_not_count():

@@ -26,12 +26,6 @@ def test_a_file_has_one_line_for_each_value_and_the_reason_on_it(tmp_path):
     assert read_parameter_file(text) == proposed.proposed == {"MOT_THST_EXPO": 0.6512}
 
 
-def test_the_table_says_what_flew_and_why_nothing_is_proposed():
-    text = AutopilotValues(("a.bin",), (EXPO, HOVER)).table().markdown()
-    assert "| 0.3000 | 0.65 ± 0.02 | a curve |" in text
-    assert "| stays | no hover |" in text
-
-
 @pytest.mark.parametrize(
     ("now", "proposed"), [(0.25, {}), (0.10, {"EK3_DRAG_MCOEF": 0.2525}), (None, {"EK3_DRAG_MCOEF": 0.2525})]
 )
@@ -123,10 +117,3 @@ def test_the_command_writes_what_it_shows(rotorid_here, tmp_path):
     assert (
         rotorid_here("export", "sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin").returncode == 2
     )
-
-
-def test_the_command_says_that_two_craft_have_no_numbers_in_common(rotorid_here, tmp_path):
-    logs = ("sample_logs/quad01_davos_esc.bin", "sample_logs/octa01_zurich_calm.bin")
-    done = rotorid_here("export", *logs, "--autopilot", "--out", tmp_path)
-    assert done.returncode == 3
-    assert "two craft" in done.stdout

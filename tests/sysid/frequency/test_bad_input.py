@@ -27,7 +27,7 @@ def worst(frf: frequency.FrequencyResponse, plant: AxisPlant = PLANT, low: float
     return float(np.percentile(8.686 * np.abs(np.log(np.abs(frf.response / plant.response(frf.hz))[good])), 95))
 
 
-@pytest.mark.parametrize("sid_axis", [1, 7, 16])
+@pytest.mark.parametrize("sid_axis", [1, 16])
 def test_chirps_before_the_controller_are_instruments_as_well(tmp_path: Path, sid_axis: int) -> None:
     # On angle targets, rate targets, and lateral position and velocity: all turn the craft about roll.
     shaken = replace(CHIRP, sid_axis=7, chirp=(0.4, 15.0, 0.8))
@@ -39,14 +39,12 @@ def test_chirps_before_the_controller_are_instruments_as_well(tmp_path: Path, si
     assert worst(frf, high=8.0) < 1.0
 
 
-@pytest.mark.parametrize("sid_axis", [14, 18])
-def test_chirps_on_a_place_that_is_held_are_instruments_as_well(tmp_path: Path, sid_axis: int) -> None:
+def test_chirps_on_a_place_that_is_held_are_instruments_as_well(tmp_path: Path) -> None:
     """In position loop: the chirp goes through position, velocity and angle controllers, and gusts come back."""
     holding = replace(GAINS, position_P=1.0, velocity_P=2.0)
-    swept = (0.1, 4.0, 4.0 if sid_axis == 14 else 3.0)
-    shaken = replace(CHIRP, duration=70.0, sid_axis=sid_axis, chirp=swept, chirp_seconds=69.0)
+    shaken = replace(CHIRP, duration=70.0, sid_axis=14, chirp=(0.1, 4.0, 4.0), chirp_seconds=69.0)
     frf = frequency.response(logged(tmp_path, run_axis(PLANT, holding, shaken, 2)), "roll")
-    assert frf.instrument == f"chirp of SID_AXIS {sid_axis}"
+    assert frf.instrument == "chirp of SID_AXIS 14"
     assert worst(frf, low=0.4, high=3.5) < 1.0
 
 

@@ -47,7 +47,6 @@ def test_true_parameters_agree_with_the_signals(tmp_path, flight, rate):
     [
         ({"P": 0.085}, "P as logged is 0.94 times"),
         ({"I": 0.11}, "I as logged is 0.73 times"),
-        ({"D": 0.0025}, "D as logged is 0.8"),
         ({"D": 0.0}, "D as logged is not the 0"),
         ({"FLTD": 40.0}, "D as logged is 0.7"),
         ({"FLTT": 10.0}, "Tar as logged"),
@@ -84,10 +83,9 @@ def test_nothing_is_proposed_nor_proven_from_parameters_that_did_not_fly(tmp_pat
     assert len(proof.table) == 0
 
 
-@pytest.mark.parametrize("claimed", [{"INS_GYRO_FILTER": 20.0}, {"ATC_RAT_RLL_D": 0.003}])
-def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, flight, claimed):
+def test_an_analysis_states_no_margins_of_parameters_that_did_not_fly(tmp_path, flight):
     """`tune` refused such logs while the report showed their margins as good; designs leaned on them too."""
-    lies = _log(tmp_path, flight, **claimed)
+    lies = _log(tmp_path, flight, INS_GYRO_FILTER=20.0)
     rotation, _ = find_rotation(lies, Span(lies.flight.start, lies.flight.stop))
     assert rotation.axes[0].loop is None
     assert "not what flew" in rotation.axes[0].loop_reason

@@ -170,7 +170,7 @@ def run(tmp_path, sines):
     return fly
 
 
-def test_a_script_plays_three_periods_within_its_limits_and_gives_the_craft_back(run):
+def test_a_script_plays_three_periods_within_its_limits_and_gives_the_craft_back(run, sines):
     rows, said = run(80.0)
     assert said == ["rotorid multisine: started", "rotorid multisine: done", "mode 5"]
     t, rates, throttle, angles = rows[:, 0], np.radians(rows[:, 1:4]), rows[:, 4], rows[:, 5:]
@@ -179,11 +179,7 @@ def test_a_script_plays_three_periods_within_its_limits_and_gives_the_craft_back
     assert np.all(np.abs(rates).max(axis=0) > 0.7 * np.array(SCALES))
     assert np.degrees(np.abs(angles)).max() < Limits().lean_deg
     assert np.all((throttle > 0.2) & (throttle < 0.55))
-
-
-def test_what_the_script_plays_is_the_multisine(run, sines):
-    """Rates are the sines, less the slow return to level, but for the fades of the first and last two seconds."""
-    rows, _ = run(80.0)
+    # Rates are the sines, less the slow return to level, but for the fades of the first and last two seconds.
     inner = (rows[:, 0] > 3.0) & (rows[:, 0] < 57.0)
     sine = sines[2]
     wanted = SCALES[2] * sine.at(rows[inner, 0])

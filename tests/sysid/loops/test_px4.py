@@ -1,7 +1,5 @@
 """PX4's rate controller: responses are those of the recursion, settings those of a log; nothing is proposed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -47,13 +45,6 @@ def test_responses_are_those_of_the_recursion(which):
     torque = turning @ total + tail
     wanted = CONTROLLER.target_response(hz) if which == "target" else -CONTROLLER.error_response(hz)
     np.testing.assert_allclose(torque, wanted, rtol=1e-6)
-
-
-def test_the_derivative_answers_the_rate_and_not_the_target():
-    hz = np.array([10.0, 40.0])
-    without = replace(CONTROLLER, D=0.0)
-    np.testing.assert_allclose(CONTROLLER.target_response(hz), without.target_response(hz))
-    assert np.all(np.abs(CONTROLLER.error_response(hz)) > np.abs(without.error_response(hz)))
 
 
 def test_the_torque_of_yaw_has_its_own_filter():

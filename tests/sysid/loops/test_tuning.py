@@ -27,20 +27,20 @@ from sysid.loops.safety import ActuatorNoise, Aim, others_keep
 from sysid.loops.same_craft import gain_apart
 from sysid.loops.search import tune_axis
 from sysid.loops.unseen import MODE, unseen_mode
-from tests.forms import short_and_whole
 from tests.paths import REAL
-from tests.sysid.axis_flights import bending, flown_loop, fly_chirp, logged, loop_of_flight
+from tests.sysid.axis_flights import bending, flown_loop, fly_chirp, kept_promise, logged, loop_of_flight, true_margins
 from tests.sysid.flights import PartsOfLog
-
-HZ = np.geomspace(0.1, 120.0, 4000)
 
 
 @pytest.mark.slow
 def test_proposed_gains_keep_in_truth_what_was_promised():
-    """Random craft with delays and flexible modes: the true margins of proposals lie within the promised bounds."""
+    """Random craft with delays and flexible modes: the true margins of proposals lie within the promised bounds.
+
+    `benchmarks loops` has a hundred of them.
+    """
     rng = np.random.default_rng(7)
     accepted = 0
-    for seed in range(12):
+    for seed in range(8):
         axis, gains = random_axis(rng)
         loop = flown_loop(axis, gains, seed)
         if unsupported(loop):
@@ -52,12 +52,12 @@ def test_proposed_gains_keep_in_truth_what_was_promised():
         c = tuning.tuned.settings.controller
         for name in ("P", "I", "D"):
             assert 0.5 <= getattr(c, name) / getattr(gains, name) <= 2.0
-        truth = margins_of(HZ, true_loop(axis, gains_of(tuning.tuned.settings), HZ)).row(0)
+        truth = true_margins(axis, tuning.tuned.settings)
         assert truth["stable"]
         assert not truth["gain_db"] < min(tuning.worst["gain_db"], 6.0)
         assert truth["phase_deg"] >= 45.0
         assert truth["peak_db"] <= 6.0
-    assert accepted >= 8
+    assert accepted >= 5
 
 
 def test_a_chirp_drowned_in_gusts_is_refused():
@@ -87,10 +87,10 @@ def test_a_mode_beyond_the_chirp_is_left_its_margin():
     axis = bending(91.5, damping=1.5, lag=0.012, delay=0.0025, filter_hz=60.0, mode=(40.6, 0.033, 0.3))
     bold, timid = LoopGains(P=0.3, I=0.24, D=0.006), LoopGains(P=0.21, I=0.168, D=0.0042)
     for gains, at_least in ((bold, 7.9), (timid, 11.0)):
-        before = margins_of(HZ, true_loop(axis, gains, HZ)).row(0)
+        before = true_margins(axis, gains)
         tuning = tune_axis(flown_loop(axis, gains, 1, magnitude=0.1, band=(0.5, 20.0)), Aim())
         assert tuning.tuned is not None
-        after = margins_of(HZ, true_loop(axis, gains_of(tuning.tuned.settings), HZ)).row(0)
+        after = true_margins(axis, tuning.tuned.settings)
         assert after["rejection_hz"] > (1.0 if gains is bold else 1.1) * before["rejection_hz"]
         assert after["gain_db"] > before["gain_db"] > at_least
 
@@ -107,7 +107,7 @@ def test_a_loop_that_nearly_rings_beyond_its_chirp_is_refused():
     """A frame that bends at 26 Hz with 2.8 dB left, a chirp to 15 Hz: gains for the rest of it left 3.6 dB."""
     axis = bending(390.0, damping=0.2, lag=0.011, delay=0.008, filter_hz=80.0, mode=(26.2, 0.022, 0.237))
     gains = LoopGains(P=0.0485, I=0.0317, D=0.00079)
-    assert margins_of(HZ, true_loop(axis, gains, HZ)).gain_db[0] < 4.0
+    assert true_margins(axis, gains)["gain_db"] < 4.0
     assert "stands out" in (unsupported(flown_loop(axis, gains, 1, band=(0.5, 15.0))) or "")
     rigid = replace(axis, flex_hz=0.0, flex_share=0.0)
     assert unsupported(flown_loop(rigid, gains, 1, band=(0.5, 15.0))) is None
@@ -123,12 +123,7 @@ def test_filters_of_target_and_error_and_feed_forward_are_proposed_where_they_ar
     assert any(getattr(c, name) != getattr(gains, name) for name in ("FF", "FLTT", "FLTE"))
     for name in ("FF", "FLTT", "FLTE"):
         assert 0.5 <= getattr(c, name) / getattr(gains, name) <= 2.0
-    before, after = (
-        margins_of(HZ, true_loop(axis, one, HZ)).row(0) for one in (gains, gains_of(tuning.tuned.settings))
-    )
-    assert after["rejection_hz"] > before["rejection_hz"]
-    assert after["gain_db"] >= tuning.worst["gain_db"]
-    assert after["phase_deg"] >= tuning.worst["phase_deg"]
+    assert kept_promise(axis, tuning)["rejection_hz"] > true_margins(axis, gains)["rejection_hz"]
 
 
 def test_rejection_is_given_up_only_for_margins_that_the_flown_gains_lack():
@@ -150,9 +145,7 @@ def test_attitude_gain_is_raised_within_its_own_phase_margin():
     gains = LoopGains(P=0.09, I=0.045, D=0.0015, angle_P=3.0)
     item = tune_axis(flown_loop(axis, gains, 1, magnitude=0.1), Aim())
     assert 3.0 < item.tuned.settings.angle.P <= 4.5
-    truth = margins_of(HZ, true_loop(axis, gains_of(item.tuned.settings), HZ)).row(0)
-    assert truth["gain_db"] >= item.worst["gain_db"]
-    assert truth["phase_deg"] >= item.worst["phase_deg"]
+    kept_promise(axis, item)
     assert margins_of(item.tuned.hz, item.tuned.attitude_loop()).phase_deg[0] >= 60.0
 
 
@@ -285,11 +278,10 @@ def test_noise_of_motors_beyond_the_band_is_not_raised_by_more_than_the_aim():
 
 @pytest.mark.slow
 @pytest.mark.skipif(not REAL.exists(), reason="needs the logs beside the repository")
-@pytest.mark.parametrize("most", short_and_whole(8, None), ids=["small", "all"])
-def test_real_logs_are_refused_with_a_sentence(most):
-    """None of the public logs has the evidence; none may raise anything but an error of reading it."""
+def test_real_logs_are_refused_with_a_sentence():
+    """None of the public logs has the evidence; none may raise anything but an error of reading it: one in four."""
     logs = (path for path in REAL.iterdir() if path.suffix not in (".tsv", ".md"))
-    for path in sorted(logs, key=lambda path: path.stat().st_size)[:most]:
+    for path in sorted(logs, key=lambda path: path.stat().st_size)[::4]:
         result = tune(read_log(path))
         assert result.refused, path.name
         assert result.proposed == {}
