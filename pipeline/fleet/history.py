@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pipeline.fleet.meta_analysis import ALPHA, MetaRegression, meta_regression
 from pipeline.results.drift import FlightPoint, Heterogeneity, History, Step, Trend
-from sysid.rigid_body.physical import TRUSTED
+from sysid.rigid_body.consensus import TRUSTED
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
 Floats = NDArray[np.float64]

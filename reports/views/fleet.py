@@ -20,7 +20,7 @@ from pipeline.results.model import ModelReport
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from reports.views import log_words, summary
 from reports.views.summary import thrust_known, thrust_of
-from sysid.validation.uses import HOLDS
+from sysid.validation.uses import REACTION_SECONDS
 
 
 def links(flights: Sequence[FlightReport]) -> dict[str, str]:
@@ -302,7 +302,9 @@ def _ahead(numbers: FleetReport) -> AnswerLine:
         text = f"by {model.short}, on {counted(len(model.held_out), 'flight')} held out{of}"
         reach, sigma = model.uses.prediction.ahead
     else:
-        own = [answer for answer in _said(numbers.flights, "Predict ahead") if (answer[1].value or 0.0) >= HOLDS]
+        own = [
+            answer for answer in _said(numbers.flights, "Predict ahead") if (answer[1].value or 0.0) >= REACTION_SECONDS
+        ]
         if not own:
             reasons = summary.alike([clause(summary.first_reason(flight)) for flight in numbers.flights])
             return _line("Predict ahead", "no model holds", Tone.UNKNOWN, next(iter(reasons)))

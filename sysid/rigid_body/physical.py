@@ -1,9 +1,4 @@
-"""Physical parameters by every method on the same flights, side by side, and what methods agree on.
-
-Methods share the flight, and most of them the curve in the parameters: what it does to one it does to the others, so
-that only what it does differently counts when they are compared. What is left must explain their differences; else at
-least one of them is wrong by more than it knows, and no average of them is right.
-"""
+"""Physical parameters by every method on the same flights, side by side, with what they agree on as the headline."""
 
 from __future__ import annotations
 
@@ -16,14 +11,14 @@ import numpy as np
 import pandas as pd
 
 from core.cubic_spline import cubic_spline
-from core.quantity import uncertain
 from core.summary import Summarised, listed
-from logparse import Finding, RotoridError, Severity, Vehicle
+from logparse import Finding, RotoridError
 from sysid.records.experiment import Experiment
 from sysid.records.motor_scaling import EXPO_SIGMA, curve, curve_slope, motor_commands
 from sysid.records.motor_signals import unexplained
 from sysid.records.thrust_curve import Law
 from sysid.rigid_body.body_parameters import shared_air, thrust_over
+from sysid.rigid_body.consensus import Statement, consensus, disagreement
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rotors.kim2017 import Kim2017Model, fit_kim2017
 from sysid.rotors.refinement2020 import Refinement2020Model, fit_refinement2020
@@ -33,7 +28,7 @@ from sysid.rotors.thrust_regression import vehicle_of
 
 _Fitted = TypeVar("_Fitted")
 
-#: What counts of all of them (`consensus`), the first column of a report.
+#: The consensus of the methods, the first column of a report.
 HEADLINE = "headline"
 
 _TURNING = ("roll inertia over mass and arm", "pitch inertia over mass and arm", "yaw torque over inertia")
@@ -41,15 +36,15 @@ _TURNING = ("roll inertia over mass and arm", "pitch inertia over mass and arm",
 #: Methods, in the order of the columns of a report.
 METHODS = ("mean thrust", "Kim 2017", "Refinement 2020, mean", "Refinement 2020, stacked", "rigid body")
 
-#: What each is asked for.
-_GIVEN: Mapping[str, tuple[str, ...]] = {
+#: Parameters that each method estimates.
+_ESTIMATED: Mapping[str, tuple[str, ...]] = {
     "mean thrust": ("thrust over mass",),
     "Kim 2017": ("thrust over mass", *_TURNING),
     **dict.fromkeys(METHODS[2:4], ("thrust over mass", *_TURNING, "whole drag in still air over mass")),
     "rigid body": ("thrust over mass", "thrust curve", "motor lag", "yaw torque over inertia"),
 }
 
-#: Why a method says nothing about rotation.
+#: Why a method finds nothing about rotation.
 SLOW = "motor signals are logged too slowly for rotation"
 
 #: Parameters that methods share, with the units in which motion alone gives them.
@@ -66,22 +61,11 @@ UNITS = {
     "whole drag in still air over mass": "1/m, as if all of it were quadratic and there were no wind",
 }
 
-#: Those that go with the density of the air.
+#: Those that are proportional to the density of the air.
 IN_AIR = tuple(name for name in UNITS if name.startswith(("thrust over mass", "yaw", "linear", "quadratic", "whole")))
 
 
-def quantity(parameter: str, unit: str) -> tuple[str, str]:
-    """Return what a number of a parameter is, and what it is still divided by."""
-    parts = re.fullmatch(r"(.+) over (mass and arm|mass)(.*)", parameter)
-    if parts is None:
-        return parameter, ""
-    name = parts[1] + parts[3]
-    if unit == UNITS[parameter]:
-        return name, parts[2]
-    return name, "arm" if unit == _OVER_ARM else ""
-
-
-#: Units that a mass, and for inertia an arm, make of them.
+#: Their units where the mass is known, and for inertia the arm.
 _SI: Mapping[str, str] = {
     "thrust over mass": "N at full command",
     "thrust over mass at hover": "N at the command flown on average",
@@ -95,9 +79,20 @@ _SI: Mapping[str, str] = {
 _OVER_ARM = "kg m (inertia over arm)"
 
 
+def quantity(parameter: str, unit: str) -> tuple[str, str]:
+    """Return the quantity of a parameter in a unit, and by what its number is divided: mass, arm or nothing."""
+    parts = re.fullmatch(r"(.+) over (mass and arm|mass)(.*)", parameter)
+    if parts is None:
+        return parameter, ""
+    name = parts[1] + parts[3]
+    if unit == UNITS[parameter]:
+        return name, parts[2]
+    return name, "arm" if unit == _OVER_ARM else ""
+
+
 @dataclass(frozen=True, slots=True, repr=False)
 class PhysicalParameters(Summarised):
-    """What every method found."""
+    """Physical parameters by every method."""
 
     #: Index (parameter, method); ``value`` and ``sigma`` on these flights (NaN where not determined), ``transfer``
     #: (what another day adds to sigma), ``curve`` (part of sigma by the thrust curve in the parameters, which halves of
@@ -146,11 +141,13 @@ def physical_parameters(
     numbers: _Numbers = {}
 
     def attempt(methods: Sequence[str], fit: Callable[[], _Fitted], rows: Callable[[_Fitted], _Rows]) -> _Fitted | None:
-        """Put in what a method finds, or in each place where it would stand why it does not."""
+        """Enter what a method finds, or for each of its parameters why it finds nothing."""
         try:
             model = fit()
         except RotoridError as error:
-            numbers.update(((name, method), _Number(note=str(error))) for method in methods for name in _GIVEN[method])
+            numbers.update(
+                ((name, method), _Number(note=str(error))) for method in methods for name in _ESTIMATED[method]
+            )
             return None
         for name, method, value, sigma, note in rows(model):
             numbers[name, method] = _number(value, sigma, note)
@@ -158,49 +155,53 @@ def physical_parameters(
 
     thrust = attempt(METHODS[:1], lambda: fit_thrust(experiments, mass), _of_thrust)
     records = [experiments] if isinstance(experiments, Experiment) else experiments
-    turned, lag = records, None
+    undelayed, lag = records, None
     if rigid_body is not None:
-        # One lag that stands for the delay of the gyro's filters, too, makes inertia up to 12 % too small on craft of
-        # known truth; the rigid body tells the two apart.
-        lag, late = (rigid_body.parameters[name].value for name in ("torque_lag", "torque_delay"))
-        turned = [_turned_in_time(record, late or 0.0) for record in records]
+        # A motor lag that has to explain the delay of the gyro's filters too makes inertia up to 12 % too small on
+        # craft of known truth; the rigid body separates the two.
+        lag, delay = (rigid_body.parameters[name].value for name in ("torque_lag", "torque_delay"))
+        undelayed = [_undelayed(record, delay or 0.0) for record in records]
     refinement = attempt(
         METHODS[2:4],
-        lambda: fit_refinement2020(turned, mass, time_constant=lag, law=Law.COMMAND),
+        lambda: fit_refinement2020(undelayed, mass, time_constant=lag, law=Law.COMMAND),
         _of_refinement,
     )
-    taken = refinement.time_constant if refinement is not None else lag or 0.0
+    time_constant = refinement.time_constant if refinement is not None else lag or 0.0
     kim = attempt(
         METHODS[1:2],
-        lambda: fit_kim2017(turned, mass, arm=arm, time_constant=taken, law=Law.COMMAND),
+        lambda: fit_kim2017(undelayed, mass, arm=arm, time_constant=time_constant, law=Law.COMMAND),
         _of_kim,
     )
     if rigid_body is not None:
         attempt(METHODS[4:], lambda: rigid_body, _of_rigid_body)
-    _at_hover(numbers, records, rigid_body)
+    vehicle, _ = vehicle_of(records[0])
+    commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
+    hover = float(np.mean(np.concatenate(commands)))
+    _add_hover(numbers, hover, vehicle.thrust_expo, rigid_body)
+    _widen_by_curve(numbers, hover, vehicle.thrust_expo, rigid_body)
     air = shared_air(records)
     disagree = _conclude(numbers, air, rigid_body)
     table = _table(numbers, air, mass, arm)
     return PhysicalParameters(table, thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,))
 
 
-def _turned_in_time(record: Experiment, late: float) -> Experiment:
-    """Return a record whose rates are not `late` [s], as filters of the gyro make them."""
-    if record.context is None or late == 0.0:
+def _undelayed(record: Experiment, delay: float) -> Experiment:
+    """Return a record whose rates are shifted back by the delay [s] of the gyro's filters."""
+    if record.context is None or delay == 0.0:
         return record
     names = [name for axis in "xyz" for name in (f"w_{axis}", f"rate_{axis}") if name in record.context]
-    now = cubic_spline(record.t, record.context[names].to_numpy(np.float64), np.minimum(record.t + late, record.t[-1]))
+    now = cubic_spline(record.t, record.context[names].to_numpy(np.float64), np.minimum(record.t + delay, record.t[-1]))
     return replace(record, context=record.context.assign(**dict(zip(names, now.T, strict=True))))
 
 
 @dataclass(slots=True)
 class _Number:
-    """What a method says of a parameter; NaN where it is not determined."""
+    """What a method finds of a parameter; NaN where it is not determined."""
 
     value: float = float("nan")
     sigma: float = float("nan")
     note: str = ""
-    curved: float = 0.0  #: Part of the standard error by the curve in the parameters, as a part of the value.
+    curved: float = 0.0  #: Standard error from the thrust curve in the parameters, relative to the value.
 
 
 #: By parameter and method.
@@ -217,7 +218,7 @@ def _number(value: float | None, sigma: float | None, note: str) -> _Number:
 
 
 def _table(numbers: _Numbers, air: float, mass: float | None, arm: float | None) -> pd.DataFrame:
-    """Arrange numbers, with their SI counterparts where mass and arm allow, and what another air does."""
+    """Tabulate numbers, in SI too where mass and arm are known, with what another day's air adds to sigma."""
     order = [(name, method) for name in UNITS for method in (HEADLINE, *METHODS) if (name, method) in numbers]
     rows = []
     for name, method in order:
@@ -264,7 +265,7 @@ def _of_kim(model: Kim2017Model) -> _Rows:
 
 
 def _of_refinement(model: Refinement2020Model) -> _Rows:
-    names = dict(zip(_GIVEN[METHODS[2]], ("k", "Jx", "Jy", "b/Jz", "C"), strict=True))
+    names = dict(zip(_ESTIMATED[METHODS[2]], ("k", "Jx", "Jy", "b/Jz", "C"), strict=True))
     for parameter, name in names.items():
         # The paper takes roll and pitch inertia to be one.
         mean = model.instants.get("Jx" if name == "Jy" else name)
@@ -284,7 +285,7 @@ def _of_refinement(model: Refinement2020Model) -> _Rows:
 
 def _of_rigid_body(model: RigidBodyModel) -> _Rows:
     names = ("thrust", "thrust_expo", "motor_lag", "yaw_gain")
-    for parameter, name in zip(_GIVEN["rigid body"], names, strict=True):
+    for parameter, name in zip(_ESTIMATED["rigid body"], names, strict=True):
         estimate = model.parameters[name]
         yield parameter, "rigid body", estimate.value, estimate.sigma, estimate.reason
     thrust = model.parameters["thrust"]
@@ -305,11 +306,8 @@ def _of_rigid_body(model: RigidBodyModel) -> _Rows:
         yield f"{law} drag over mass", "rigid body", mean, sigma, pair[0].reason or pair[1].reason
 
 
-def _at_hover(numbers: _Numbers, records: Sequence[Experiment], body: RigidBodyModel | None) -> None:
-    """Put thrust at the command flown on average beside that at full command, to which each method extrapolates."""
-    vehicle, _ = vehicle_of(records[0])
-    commands = [np.clip(motor_commands(record.u, vehicle), 0.0, 1.0).ravel() for record in records]
-    command, expo = float(np.mean(np.concatenate(commands))), vehicle.thrust_expo
+def _add_hover(numbers: _Numbers, command: float, expo: float, body: RigidBodyModel | None) -> None:
+    """Enter thrust at the command flown on average beside that at full command, to which each method extrapolates."""
     part = float(curve(np.array(command), expo))
     for method in METHODS:
         full = numbers.get(("thrust over mass", method))
@@ -319,8 +317,14 @@ def _at_hover(numbers: _Numbers, records: Sequence[Experiment], body: RigidBodyM
         if method == "rigid body" and body is not None and np.isfinite(full.value):
             value, sigma = _thrust_at(body, command)
         numbers["thrust over mass at hover", method] = _number(value, sigma, full.note)
-    # Methods without a curve of their own take the autopilot's as it stands in its parameters, from hover to full
-    # command, and for its slope, by which motors turn the craft.
+
+
+def _widen_by_curve(numbers: _Numbers, command: float, expo: float, body: RigidBodyModel | None) -> None:
+    """Add the uncertainty of the thrust curve to the numbers of methods without a curve of their own.
+
+    They take the autopilot's as it is in its parameters, from hover to full command, and for its slope, by which motors
+    turn the craft.
+    """
     full_over_hover = (1.0 - command) / max(1.0 - expo + expo * command, 1e-3)
     slope_over_full = (1.0 - 2.0 * command) / max(float(curve_slope(np.array(command), expo)), 1e-3)
     parts = {
@@ -329,21 +333,21 @@ def _at_hover(numbers: _Numbers, records: Sequence[Experiment], body: RigidBodyM
         "pitch inertia over mass and arm": full_over_hover - slope_over_full,
         "yaw torque over inertia": slope_over_full,
     }
-    bent = _curve_sigma(vehicle, body)
+    expo_sigma = _expo_sigma(expo, body)
     for (parameter, method), number in numbers.items():
         if parameter in parts and method != "rigid body" and np.isfinite([number.value, number.sigma]).all():
-            number.curved = bent * parts[parameter]
+            number.curved = expo_sigma * parts[parameter]
             number.sigma = float(np.hypot(number.sigma, number.curved * number.value))
 
 
-def _curve_sigma(vehicle: Vehicle, body: RigidBodyModel | None) -> float:
-    """Return how far the curve in the parameters is off: by what the flight shows, as far as it shows that better."""
+def _expo_sigma(expo: float, body: RigidBodyModel | None) -> float:
+    """Return the standard error of the curve in the parameters: less where the flight shows the curve better."""
     if body is None:
         return EXPO_SIGMA
     place = body.estimated.index("thrust_expo")
     shown = max(float(np.sqrt(body.covariance[place, place])), 1e-9)
     part = min((EXPO_SIGMA / shown) ** 2, 1.0)
-    return float(np.hypot(min(shown, EXPO_SIGMA), part * (body.value("thrust_expo") - vehicle.thrust_expo)))
+    return float(np.hypot(min(shown, EXPO_SIGMA), part * (body.value("thrust_expo") - expo)))
 
 
 def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
@@ -358,11 +362,11 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
 
 
 def _conclude(numbers: _Numbers, air: float, body: RigidBodyModel | None) -> Finding | None:
-    """Put the headline of every parameter in; return the finding where methods disagree.
+    """Enter the consensus on every parameter; return the finding where methods disagree.
 
-    At full command a rigid body has its say even where it is too unsure by itself: the others go by a curve that nobody
-    measured, and the headline would leap to it as soon as it were a little surer (from 11.2 to 8.2 m/s^2 in spark404
-    without four blocks of its file).
+    At full command the rigid body counts even where its thrust is too uncertain to be stated: the others use a curve
+    that nobody measured, and the headline would leap to the rigid body's as soon as that were a little surer (from 11.2
+    to 8.2 m/s^2 in spark404 without four blocks of its file).
     """
     stated: dict[str, list[Statement]] = {}
     for (parameter, method), number in numbers.items():
@@ -386,88 +390,3 @@ def _conclude(numbers: _Numbers, air: float, body: RigidBodyModel | None) -> Fin
         curved = numbers[parameter, best.method].curved
         numbers[parameter, HEADLINE] = _Number(best.value, best.sigma, note, curved)
     return disagreement(stated)
-
-
-#: Methods that may be the headline. Left out is the mean of instants, which noise biases.
-TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
-
-
-@dataclass(frozen=True, slots=True)
-class Statement:
-    """What a method states of a parameter: value, standard error, and its part by the curve that others share."""
-
-    method: str
-    value: float
-    sigma: float
-    curve: float = 0.0
-
-    @property
-    def own(self) -> float:
-        """Return the standard error without what others share."""
-        return float(np.sqrt(max(self.sigma**2 - self.curve**2, 0.0)))
-
-
-@dataclass(frozen=True, slots=True)
-class Consensus:
-    """The value that counts, its standard error, whose it is (the surest method's), and which methods disagree."""
-
-    value: float
-    sigma: float
-    method: str
-    against: tuple[str, ...]
-
-
-def consensus(statements: Sequence[Statement]) -> Consensus | None:
-    """Choose the surest method that at least half of the others agree with; None without any.
-
-    A method that takes its curve from the parameters and one that finds its own know different things of it: where they
-    agree, their mean by their errors counts, and no hair's breadth between two errors decides. They share the flight,
-    so that the mean is no surer than the surest. Where methods disagree, the standard error covers them: half of what
-    lies between the farthest.
-    """
-    ranked = sorted(
-        (statement for statement in statements if statement.method in TRUSTED), key=lambda statement: statement.sigma
-    )
-    if not ranked:
-        return None
-    against = [[other for other in ranked if _apart(statement, other)] for statement in ranked]
-    place = next((k for k, others in enumerate(against) if 2 * len(others) <= len(ranked) - 1), 0)
-    chosen, sigma = ranked[place], ranked[place].sigma
-    apart = (other for other in ranked if (other.curve > 0.0) != (chosen.curve > 0.0) and other not in against[place])
-    value, other = chosen.value, next(apart, None)
-    if other is not None:
-        value += (other.value - value) * sigma**2 / (sigma**2 + other.sigma**2)
-    if any(against):
-        values = [statement.value for statement in ranked]
-        sigma = float(np.hypot(sigma, 0.5 * (max(values) - min(values))))
-    return Consensus(value, sigma, chosen.method, tuple(statement.method for statement in against[place]))
-
-
-def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | None:
-    """Return a finding that names the parameters on which trusted methods disagree, with their values."""
-    disputed = []
-    for parameter, stated in statements.items():
-        ranked = [statement for statement in stated if statement.method in TRUSTED]
-        if any(_apart(one, other) for one in ranked for other in ranked):
-            values = ", ".join(
-                f"{statement.method} {uncertain(statement.value, statement.own)}" for statement in ranked
-            )
-            disputed.append((parameter, values))
-    if not disputed:
-        return None
-    return Finding(
-        "methods-disagree",
-        Severity.WARNING,
-        "methods find different values from the same flights: "
-        + "; ".join(f"{parameter}: {values}" for parameter, values in disputed)
-        + "; their standard errors, without what they share, do not explain it",
-        "trust none of them further than they differ; look at wind, motor outputs and battery of the flight, or weigh "
-        "and measure on a bench",
-        {"parameters": ", ".join(parameter for parameter, _ in disputed)},
-    )
-
-
-def _apart(one: Statement, other: Statement) -> bool:
-    # The curve that only one of the two goes by is an error of that one alone.
-    parts = one.own, other.own, one.curve - other.curve
-    return abs(one.value - other.value) > 3.0 * float(np.linalg.norm(parts))

@@ -332,7 +332,7 @@ def _without_inputs(
 
 def _report(solution: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
     problem, point = solution.problem, solution.descent.point
-    information = reduced_information(problem, point)[0]
+    information = reduced_information(problem, point)
     squares = scale**2 * sum(float(residual @ residual) for residual in point.residuals)
     variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
     estimated = np.flatnonzero(np.diag(information) > 0.0)

@@ -160,8 +160,8 @@ def jacobian(
 def linearise(problem: FitProblem, basis: Basis, part: Part, columns: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return what a record contributes to a Gauss-Newton step in everything shared: numerators, then poles and delays.
 
-    Besides information and gradient the initial responses' coefficients times themselves (groups, lags, lags), and the
-    sums of squared residuals and of residuals times those one sample later.
+    After information and gradient come the outer products of the initial responses' coefficients, (groups, lags, lags),
+    and the sums of squared residuals and of products of successive ones, (2,).
     """
     locals_, shared = len(part.local), len(part.information) - 1
     q = shared + columns.shape[1]

@@ -38,9 +38,9 @@ from sysid.transfer_functions.response import Discretised, gramians
 #: Largest change in one step of a logarithmic parameter, and of a delay in samples.
 LONGEST_STEP = 1.0
 
-#: A step is the last when it lowers the cost by less than this part of one residual's variance: the noise in a single
-#: parameter is worth a whole one. Residuals that resemble the one before are worth fewer independent ones, and the
-#: noise in a parameter more: then two such steps in a row are the last.
+#: A step is the last when it lowers the cost by less than this part of one residual's variance: noise in a single
+#: parameter changes the cost by a whole one. Autocorrelated residuals are worth fewer independent ones, so that noise
+#: in a parameter changes the cost by more: then two such steps in a row are the last.
 ENOUGH = 0.02
 
 
@@ -86,12 +86,12 @@ def solve(problem: FitProblem, theta: Floats, delays: Floats | None = None) -> P
 
 
 def with_ridge(problem: FitProblem, point: Point) -> Point:
-    """Solve a problem that differs by its ridge from that of a point, at the same poles: responses stay."""
+    """Solve a problem with another ridge at the poles of a point, whose responses stay."""
     return _solved(problem, point.basis, point.information, tuple(replace(part) for part in point.parts))
 
 
 def _solved(problem: FitProblem, basis: Basis, information: Floats, parts: tuple[Part, ...]) -> Point:
-    """Solve the reduced equations for the numerators, and tell the records' parts."""
+    """Solve the reduced equations for the numerators, and finish the records' parts with them."""
     shared = len(information) - 1
     penalty = _impulse_energy(problem, basis.system, np.diag(information)[:-1], problem.used)
     normal, scale = _normalised(information[:shared, :shared], penalty)
@@ -135,19 +135,18 @@ def instruments(problem: FitProblem, point: Point) -> tuple[Floats, ...]:
     )
 
 
-def reduced_information(
-    problem: FitProblem, point: Point, jacobians: tuple[Floats, ...] | None = None
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Inner products of numerator and nonlinear regressors with offsets and initial states eliminated, and gradient.
+def reduced_information(problem: FitProblem, point: Point, jacobians: tuple[Floats, ...] | None = None) -> Floats:
+    """Return inner products of numerator and nonlinear regressors, with offsets and initial states eliminated."""
+    return _linearised(problem, point, jacobians)[0]
 
-    What `sysid.transfer_functions.reduction.linearise` gives, summed over the records.
-    """
+
+def _linearised(problem: FitProblem, point: Point, jacobians: tuple[Floats, ...] | None = None) -> list[Floats]:
+    """Sum what `sysid.transfer_functions.reduction.linearise` returns over the records."""
     jacobians = sensitivities(problem, point) if jacobians is None else jacobians
     by_record = [
         linearise(problem, point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)
     ]
-    information, gradient, outer, following = (sum_of(parts) for parts in zip(*by_record, strict=True))
-    return information, gradient, outer, following
+    return [sum_of(parts) for parts in zip(*by_record, strict=True)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,11 +167,14 @@ def descend(
     settled: float = 0.0,
     hopeless: float = np.inf,
 ) -> Descent:
-    """Follow Levenberg-Marquardt steps in poles and delays until the cost settles, from poles or a point solved."""
+    """Follow Levenberg-Marquardt steps in poles and delays from poles, or from a point solved, until the cost settles.
+
+    A cost above `hopeless` after two steps ends it, and so does one that decreases by less than the part `settled`.
+    """
     point = start if isinstance(start, Point) else solve(problem, clip(start, problem.band, problem.lag_orders), delays)
     if problem.lags == 0 and not problem.delay_parameters:
         return Descent(point, 0, True)
-    damping, growth, small = 1e-1, 2.0, 0
+    damping, growth, small_steps = 1e-1, 2.0, 0
     for iteration in range(iterations):
         if time.monotonic() > deadline or (iteration == 2 and point.cost > hopeless):
             return Descent(point, iteration, False)
@@ -181,7 +183,7 @@ def descend(
         while True:
             step = _bounded_step(free, hessian, gradient, damping)
             expected = float(step @ (2.0 * gradient - hessian @ step))
-            # Even if it were as good as foreseen it would be the last. (One cut short foresees nothing.)
+            # Even a step as good as expected would be the last. (Of one cut short nothing can be expected.)
             if expected * independent < ENOUGH * point.cost and np.abs(step).max() < LONGEST_STEP:
                 return Descent(point, iteration, True)
             trial = solve(problem, *_moved(problem, point, step))
@@ -190,40 +192,41 @@ def descend(
             damping, growth = damping * growth, growth * 2.0
             if damping > 1e8 or time.monotonic() > deadline or not step.any():
                 return Descent(point, iteration, damping > 1e8 or not step.any())
-        gain = (point.cost - trial.cost) / max(point.cost, 1e-300)
-        quality = (point.cost - trial.cost) / expected if expected > 0.0 else 1.0
-        # Nielsen 1999. With a tenth as the least, a third of the steps was refused, and fits of eight denominators
+        decrease = (point.cost - trial.cost) / max(point.cost, 1e-300)
+        gain_ratio = (point.cost - trial.cost) / expected if expected > 0.0 else 1.0
+        # Nielsen 1999. With 0.1 in the place of 1/3, a third of the steps was refused, and fits of eight denominators
         # took a third more solutions.
-        damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(quality, 1.5) - 1.0) ** 3), 2.0
+        damping, growth = damping * max(1.0 / 3.0, 1.0 - (2.0 * min(gain_ratio, 1.5) - 1.0) ** 3), 2.0
         damping = max(damping, 1e-9)
         point = trial
-        small = small + 1 if gain * independent < ENOUGH else 0
-        if small == 2 or gain * problem.samples < ENOUGH or gain < settled:
+        small_steps = small_steps + 1 if decrease * independent < ENOUGH else 0
+        if small_steps == 2 or decrease * problem.samples < ENOUGH or decrease < settled:
             return Descent(point, iteration + 1, True)
     return Descent(point, iterations, False)
 
 
 def nonlinear_system(problem: FitProblem, point: Point) -> tuple[Floats, Floats, float]:
-    """Return Hessian and gradient of the reduced problem in poles and delays."""
+    """Return Hessian and gradient of the reduced problem in poles and delays, and the effective number of residuals."""
     shared = point.numerators.size
-    information, gradient, outer, following = reduced_information(problem, point)
-    gradient[shared : shared + problem.lags * problem.groups] -= _price_slopes(problem, point, outer)
+    information, gradient, outer, residual_sums = _linearised(problem, point)
+    gradient[shared : shared + problem.lags * problem.groups] -= _penalty_gradient(problem, point, outer)
     factor, scale = _normalised(information[:shared, :shared], point.penalty)
     coupling = forward(factor, information[:shared, shared:] * scale[:, None])
-    # At the optimum of the numerators the penalty balances their gradient; what is left acts on the poles alone.
+    # At the optimum of the numerators the penalty balances their gradient; the rest acts on the poles alone.
     balance = forward(factor, (gradient[:shared] - point.penalty @ point.numerators.ravel()) * scale)
-    square, product = following
-    likeness = min(max(product / max(square, 1e-300), 0.0), 1.0) ** 2
-    independent = max(problem.samples * (1.0 - likeness) / (1.0 + likeness), float(len(gradient)))
+    square, product = residual_sums
+    # Effective number of samples of products of a first-order autoregressive residual.
+    correlation = min(max(product / max(square, 1e-300), 0.0), 1.0) ** 2
+    independent = max(problem.samples * (1.0 - correlation) / (1.0 + correlation), float(len(gradient)))
     return information[shared:, shared:] - coupling.T @ coupling, gradient[shared:] - coupling.T @ balance, independent
 
 
-def _price_slopes(problem: FitProblem, point: Point, outer: Floats) -> Floats:
-    """Half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
+def _penalty_gradient(problem: FitProblem, point: Point, outer: Floats) -> Floats:
+    """Return half the derivatives of both penalties by the poles' parameters, parameter-major, linear parameters held.
 
-    Slow and lightly damped poles make impulse and initial responses of more energy. By the slopes of the gramians, each
-    denominator in the unit of frequency it has now; that the weight of an input's energy moves with its poles too is
-    left out. `outer` holds the initial responses' coefficients times themselves, summed over the records.
+    Slow and lightly damped poles make impulse and initial responses of more energy. It comes from the derivatives of
+    the gramians, with each denominator's present unit of frequency; how the weight of an input's energy depends on its
+    poles is neglected. `outer` are outer products of the initial responses' coefficients, summed over the records.
     """
     system = point.system
     free, forced = _differences(problem, point)
@@ -234,13 +237,13 @@ def _price_slopes(problem: FitProblem, point: Point, outer: Floats) -> Floats:
     groups = problem.groups
     changes = weight * np.einsum("kj,ijkl,lj->ij", c, forced[:, lanes, :count, :count], c)
     slopes: Floats = changes @ np.equal.outer(lanes, np.arange(groups)).astype(np.float64)
-    price = np.einsum("gkl,igkl->ig", outer, free)
-    slopes += problem.initial * np.array(problem.lag_orders) / system.unit * price
+    initial = np.einsum("gkl,igkl->ig", outer, free)
+    slopes += problem.initial * np.array(problem.lag_orders) / system.unit * initial
     return 0.5 * slopes.ravel()
 
 
 def _differences(problem: FitProblem, point: Point) -> tuple[Floats, Floats]:
-    """Central differences of the gramians of initial responses and of those to inputs, (lags, groups, n, n)."""
+    """Differentiate the gramians of initial responses and of those to inputs numerically, (lags, groups, n, n) each."""
     groups, lags, k, system = problem.groups, problem.lags, problem.integrators, point.system
     step = 1e-5
     moved = np.repeat(point.theta[None], 2 * lags, axis=0)
@@ -259,7 +262,7 @@ def _differences(problem: FitProblem, point: Point) -> tuple[Floats, Floats]:
 
 
 def _moved(problem: FitProblem, point: Point, step: Floats) -> tuple[Floats, Floats]:
-    """Poles and delays after a step in the order of the sensitivities, kept within their bounds."""
+    """Return poles and delays after a step in the order of the sensitivities, kept within their bounds."""
     groups, lags = problem.groups, problem.lags
     theta = point.theta + step[: lags * groups].reshape(lags, groups).T
     theta = clip(theta, problem.band, problem.lag_orders)
@@ -277,7 +280,7 @@ def _free(problem: FitProblem, point: Point, gradient: Floats) -> NDArray[np.boo
 
 def _bounded_step(free: NDArray[np.bool_], hessian: Floats, gradient: Floats, damping: float) -> Floats:
     diagonal = np.where(free, hessian.diagonal(), 0.0)
-    # What does not move is solved for too, by equations of its own: no step.
+    # Parameters at their bounds keep equations of their own, whose solution is no step.
     block = hessian * (free & free[:, None])
     block[np.diag_indices(len(block))] += np.where(free, damping * diagonal + 1e-9 * max(diagonal.max(), 1e-300), 1.0)
     step = np.linalg.solve(block, np.where(free, gradient, 0.0))
@@ -285,7 +288,7 @@ def _bounded_step(free: NDArray[np.bool_], hessian: Floats, gradient: Floats, da
 
 
 def _impulse_energy(problem: FitProblem, system: Discretised, energy: Floats, used: Floats) -> Floats:
-    """Penalty matrix of the numerators: energy of each impulse response, weighed by the information on its input."""
+    """Return the numerators' penalty: the energy of each impulse response, weighted by the information on its input."""
     lanes, count = np.arange(len(problem.group)), problem.numerators
     blocks = system.gramians[list(problem.group), :count, :count] * used.T[:, :, None] * used.T[:, None, :]
     per_input = problem.ridge * energy.reshape(used.shape).sum(axis=0)

@@ -42,7 +42,7 @@ def effective_parameters(problem: FitProblem, point: Point) -> float:
 def _sandwich(problem: FitProblem, point: Point) -> tuple[Floats, Floats, Floats, float]:
     """Inverse of H and M, both scaled to a unit diagonal of H; the scale, and the residual's variance."""
     jacobians = sensitivities(problem, point)
-    information = reduced_information(problem, point, jacobians)[0]
+    information = reduced_information(problem, point, jacobians)
     colour = residual_colour(point.residuals)
     estimated = np.diag(information) > 0.0
     freedom = max(problem.samples - int(estimated.sum()), 1)

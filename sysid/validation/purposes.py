@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from sysid.validation.uses import FEWEST_JUDGES, NO_MODEL, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
+from sysid.validation.uses import FEWEST_HELD_OUT, NO_MODEL, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
 
 #: Part of a reach from which on its standard error says that nothing is known of it.
 VAGUE = 0.5
@@ -30,7 +30,7 @@ MARGIN = 0.05
 HALF = 0.5
 
 #: Shortest held-out record that can judge a free run, s: the first three seconds give the initial state.
-SHORTEST_JUDGE = 10.0
+SHORTEST_HELD_OUT = 10.0
 
 
 def uses_of(
@@ -96,8 +96,8 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
     if scored.empty:
         return FreeRunUse(trust=Trust.UNKNOWN, reason="The model is not judged: every flight was used to fit it")
     longest = float(scored["duration"].max())
-    if longest < SHORTEST_JUDGE:
-        why = f"{longest:.0f} s of held-out flight are too short; {SHORTEST_JUDGE:.0f} s or more are needed"
+    if longest < SHORTEST_HELD_OUT:
+        why = f"{longest:.0f} s of held-out flight are too short; {SHORTEST_HELD_OUT:.0f} s or more are needed"
         return FreeRunUse(trust=Trust.UNKNOWN, reason=f"The model could not be judged: {why}")
     chosen = _within(scored, outside)
     outputs = [str(output) for output in scored["output"].unique()]
@@ -133,11 +133,11 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
     )
     if run.far:
         trust = Trust.NO
-    elif complete and run.flights_within >= FEWEST_JUDGES:
+    elif complete and run.flights_within >= FEWEST_HELD_OUT:
         trust = Trust.YES
     elif complete:
         trust = Trust.LIMITED
-    elif chosen["flight"].nunique() < FEWEST_JUDGES:
+    elif chosen["flight"].nunique() < FEWEST_HELD_OUT:
         # A single record must hold in every axis.
         trust = Trust.LIMITED if follows and set(follows) | set(run.excused) == set(outputs) else Trust.NO
     else:

@@ -8,8 +8,8 @@ from enum import StrEnum
 
 from core.quantity import joined
 
-#: Time [s] that a person needs to react.
-HOLDS = 1.0
+#: Time that a person needs to react, s.
+REACTION_SECONDS = 1.0
 
 #: Why nothing is judged.
 NO_MODEL = "There is no model of the motion to judge"
@@ -18,7 +18,7 @@ NO_MODEL = "There is no model of the motion to judge"
 FAR = 1.5
 
 #: Held-out records that it takes to trust a free run: on a single one a bad model does well now and then.
-FEWEST_JUDGES = 2
+FEWEST_HELD_OUT = 2
 
 
 class Trust(StrEnum):
@@ -32,7 +32,7 @@ class Trust(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """A word for the eye, a sentence for the reader."""
+    """How far a model may be trusted, as a word and as a sentence."""
 
     trust: Trust
     sentence: str
@@ -42,11 +42,11 @@ class Verdict:
 class PredictionUse:
     """How far ahead predictions are worth having."""
 
-    #: Without a break, those at which the error of every axis is below half of that of constant position and of
-    #: constant velocity, s; empty where there are none.
+    #: The first unbroken run of horizons at which the error of every axis is below half of those of constant position
+    #: and constant velocity, s; empty where there are none.
     horizons_s: tuple[float, ...] = ()
     horizon_s: float | None = None  #: The longest of them, s.
-    #: Where between horizons the error reaches that half, s, and its standard error; None beyond the longest judged.
+    #: Time at which the error reaches that half, between horizons, s, and its standard error; None beyond the longest.
     reach_s: float | None = None
     reach_sigma_s: float | None = None
     rmse_m: Mapping[str, float] = field(default_factory=dict)  #: RMS error by output there, m.
@@ -55,8 +55,8 @@ class PredictionUse:
 
     @property
     def holds(self) -> bool:
-        """Whether it predicts for as long as a person needs to react; what does not is of use to a filter only."""
-        return (self.horizon_s or 0.0) >= HOLDS
+        """Whether it predicts for as long as a person needs to react; shorter predictions help a filter only."""
+        return (self.horizon_s or 0.0) >= REACTION_SECONDS
 
     @property
     def ahead(self) -> tuple[float | None, float | None]:
@@ -65,7 +65,7 @@ class PredictionUse:
 
     @classmethod
     def up_to(cls, horizons: tuple[float, ...], errors: Mapping[str, float]) -> PredictionUse:
-        """Return the answer for a model that was judged; `errors` [m] by output are those at the last horizon [s]."""
+        """Return the answer for a judged model from horizons [s] and the errors [m] by output at the last of them."""
         if not horizons:
             no = "no (at no horizon every axis has half the error of constant position and velocity)"
             return cls(judged=True, sentence=f"prediction: {no}")
@@ -86,7 +86,7 @@ class FreeRunUse:
     error_over_mean: Mapping[str, float | None] = field(default_factory=dict)
     #: Outputs that are followed to `CLOSE_PERCENT` or better, and better than without a model.
     follows: tuple[str, ...] = ()
-    #: Where inputs are targets, outputs that the target itself follows as well: there the model adds nothing to it, and
+    #: Where inputs are targets, outputs to which the target itself is as close: there the model adds nothing to it, and
     #: errs no more than the autopilot did.
     as_good_as_target: tuple[str, ...] = ()
     #: Outputs in which the model errs less than the target itself.
@@ -117,7 +117,7 @@ class FreeRunUse:
 
     def flights(self) -> str:
         """Return how many flights are followed, those outside the envelope apart; empty for a single one within it."""
-        if self.flights_within + self.flights_outside < FEWEST_JUDGES:
+        if self.flights_within + self.flights_outside < FEWEST_HELD_OUT:
             return ""
         where = " within the envelope" if self.flights_outside else ""
         fit = "" if self.fit_percent is None else f" to {self.fit_percent[0]:.0f}–{self.fit_percent[1]:.0f} %"
@@ -213,7 +213,7 @@ class Uses:
 
     @property
     def every(self) -> tuple[PredictionUse, FreeRunUse, ParameterUse]:
-        """All of them."""
+        """The three answers."""
         return self.prediction, self.free_run, self.parameters
 
     @property
@@ -235,6 +235,7 @@ def overall(uses: Mapping[str, Uses]) -> Verdict:
 
 
 def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
+    """Return one verdict on several models, by title."""
     if not verdicts:
         return Verdict(Trust.UNKNOWN, NO_MODEL + ".")
     if len(verdicts) == 1:
@@ -246,8 +247,7 @@ def _summed(verdicts: Mapping[str, Verdict]) -> Verdict:
         Trust.NO: "do not trust {}",
         Trust.UNKNOWN: "{} could not be judged",
     }
-    said = [phrases[trust].format(joined(titles)) for trust, titles in by_trust.items() if titles]
-    sentence = "; ".join(said)
+    sentence = "; ".join(phrases[trust].format(joined(titles)) for trust, titles in by_trust.items() if titles)
     best = next(trust for trust, titles in by_trust.items() if titles)
     # One good model among bad ones must not paint all of them green.
     mixed = best is Trust.YES and any(by_trust[trust] for trust in (Trust.LIMITED, Trust.NO))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from sysid.rigid_body.physical import TRUSTED, Statement, consensus, disagreement
+from sysid.rigid_body.consensus import TRUSTED, Statement, consensus, disagreement
 
 
 def said(method, value, own=0.01, curve=0.1):
