@@ -1,4 +1,4 @@
-"""A folder of logs as one report, composed from the products of its flights and crafts alone; in short as Markdown."""
+"""The report on a folder of logs, composed of the products of its flights and crafts, and its summary as Markdown."""
 
 from __future__ import annotations
 
@@ -31,12 +31,11 @@ from reports.pages import html
 from reports.pages.fleet import Shown, craft_file, craft_models_page, fleet_page
 from reports.views import fleet as fleet_views
 from reports.views import log_words, summary
-from reports.views.fleet import drift_sentences, fleet_answer
 from reports.views.models import average_table
 
 
 def write_fleet(fleet: FleetResult) -> None:
-    """Compose the report on all flights from the products in the store of a fleet, unless it is there already.
+    """Compose the report on all flights from the products in the fleet's store, unless it is there already.
 
     ``report.html`` (complete in itself but for the pages of flights and crafts, which it links), ``craft1.html`` and
     so on with the models of each craft, ``report.json`` (crafts in full, flights in short), ``report.md``;
@@ -49,21 +48,21 @@ def write_fleet(fleet: FleetResult) -> None:
     flights = [f"{FLIGHTS}/{entry.folder}" for entry in fleet.flights]
     crafts = [f"{CRAFTS}/{entry.folder}" for entry in fleet.groups]
     shown_crafts = _told_apart([_craft(store, folder) for folder in crafts])
-    reports = tuple(report for report, _ in shown_crafts)
-    rows = [row for craft in reports for row in craft.rmse]
-    short: list[FlightReport] = []
+    craft_reports = tuple(report for report, _ in shown_crafts)
+    rows = [row for craft in craft_reports for row in craft.rmse]
+    flight_reports: list[FlightReport] = []
     findings: dict[str, tuple[Finding, ...]] = {}
-    for folder in flights:  # those of many flights would not fit into memory
+    for folder in flights:
         report = from_json(store.read(f"{folder}/report.json"), FlightReport)
-        short.append(report.in_short(folder))
+        flight_reports.append(report.in_short(folder))  # whole reports of many flights would not fit into memory
         findings[report.name] = report.findings
         rows += report.rmse
     numbers = cleaned(
         FleetReport(
             rotorid=version("rotorid"),
             config=fleet.config,
-            groups=reports,
-            flights=tuple(short),
+            groups=craft_reports,
+            flights=tuple(flight_reports),
             findings=_common_findings(findings),
             failures=_reasons(fleet.failures),
             passed_over=_reasons(fleet.passed_over),
@@ -76,7 +75,7 @@ def write_fleet(fleet: FleetResult) -> None:
         printable,
     )
     joint = {name for craft in numbers.groups for name in (*craft.training, *craft.held_out)}
-    alone = [flight.folder for flight in short if flight.name not in joint]
+    alone = [flight.folder for flight in flight_reports if flight.name not in joint]
     store.write("report.json", as_json(numbers).encode())
     store.write("rmse.csv", rmse_table(rows).encode())
     store.write("coefficients.csv", _joined(store, [*crafts, *flights], "coefficients.csv"))
@@ -90,10 +89,8 @@ def write_fleet(fleet: FleetResult) -> None:
     for place, craft in enumerate(shown_crafts, start=1):
         page = page_or_excuse(partial(craft_models_page, craft, numbers, place, script_file), craft_file(place))
         store.write(craft_file(place), page.encode())
-    store.write(
-        "report.html",
-        page_or_excuse(lambda: fleet_page(numbers, reports), "report.html").encode(),
-    )
+    page = page_or_excuse(lambda: fleet_page(numbers, craft_reports), "report.html")
+    store.write("report.html", page.encode())
     fleet.confirm_report()
 
 
@@ -104,8 +101,8 @@ def _reasons(failures: Iterable[LogFailure]) -> tuple[LeftOut, ...]:
 def _common_findings(flights: Mapping[str, Sequence[Finding]]) -> tuple[CommonFinding, ...]:
     """Gather the findings of all flights by kind, each with its gravest part, worst and most frequent first."""
     common: dict[str, CommonFinding] = {}
-    every = [(finding, flight) for flight, findings in flights.items() for finding in findings]
-    for finding, flight in sorted(every, key=lambda pair: WORST_FIRST.index(pair[0].severity)):
+    pairs = [(finding, flight) for flight, findings in flights.items() for finding in findings]
+    for finding, flight in sorted(pairs, key=lambda pair: WORST_FIRST.index(pair[0].severity)):
         gravest = next(apart([finding]))
         entry = common.setdefault(
             finding.id,
@@ -131,7 +128,7 @@ def _craft(store: Store, folder: str) -> Shown:
 
 
 def _told_apart(crafts: Sequence[Shown]) -> list[Shown]:
-    """Distinguish crafts of one name by a number: many logs tell no more than firmware and frame."""
+    """Distinguish crafts of one name by a number: many logs name no more than firmware and frame."""
     count = Counter(craft.name for craft, _ in crafts)
     seen: Counter[str] = Counter()
     apart = []
@@ -143,11 +140,11 @@ def _told_apart(crafts: Sequence[Shown]) -> list[Shown]:
 
 
 def _models(store: Store, folders: Iterable[str]) -> ModelsFile:
-    every = [from_json(store.read(f"{folder}/models.json"), ModelsFile) for folder in folders]
+    files = [from_json(store.read(f"{folder}/models.json"), ModelsFile) for folder in folders]
     return ModelsFile(
         rotorid=version("rotorid"),
-        joint=tuple(owner for models in every for owner in models.joint),
-        flights=tuple(owner for models in every for owner in models.flights),
+        joint=tuple(owner for file in files for owner in file.joint),
+        flights=tuple(owner for file in files for owner in file.flights),
     )
 
 
@@ -156,18 +153,18 @@ def _matlab(store: Store, crafts: Sequence[str], flights: Sequence[str]) -> byte
     structs = {}
     for kind, folders in (("craft", crafts), ("flight", flights)):
         for number, folder in enumerate(folders, start=1):
-            variables = _loaded(store.read(f"{folder}/models.mat"))
+            variables: dict[str, Any] = loadmat(_file(store.read(f"{folder}/models.mat")))
             models = {name: value for name, value in variables.items() if not name.startswith("__")}
             if models:
                 structs[f"{kind}{number}"] = models
-    file: Any = io.BytesIO()  # scipy's annotations know paths only
+    file = _file(b"")
     savemat(file, structs, long_field_names=True, oned_as="row")
     return bytes(file.getvalue())
 
 
-def _loaded(content: bytes) -> dict[str, Any]:
-    file: Any = io.BytesIO(content)
-    return dict(loadmat(file))
+def _file(content: bytes) -> Any:
+    """Return a file in memory; SciPy's annotations know paths only."""
+    return io.BytesIO(content)
 
 
 def _joined(store: Store, folders: Sequence[str], name: str) -> bytes:
@@ -180,12 +177,12 @@ def _joined(store: Store, folders: Sequence[str], name: str) -> bytes:
 
 
 _MARKS = {"yes": "✅", "limited": "⚠️", "no": "❌", "unknown": "❔"}
-#: Advice, findings and failures that are named.
+#: How many pieces of advice, findings and failures are listed.
 _MOST = 5
 
 
 def fleet_markdown(numbers: FleetReport) -> str:
-    """Write the summary: what was analysed, each craft, and what went wrong."""
+    """Write a summary of what was analysed, of each craft, and of what went wrong."""
     lines = [f"## {escaped(fleet_views.title(numbers))}", "", escaped(fleet_views.facts(numbers)), ""]
     for craft in numbers.groups:
         lines += _craft_in_short(craft, len(numbers.groups) > 1)
@@ -210,7 +207,7 @@ def fleet_markdown(numbers: FleetReport) -> str:
 
 
 def _answer(numbers: FleetReport) -> Iterator[str]:
-    yield from (f"{escaped(f'{line.purpose}: {line.said}')}  " for line in fleet_answer(numbers))
+    yield from (f"{escaped(f'{line.purpose}: {line.said}')}  " for line in fleet_views.fleet_answer(numbers))
     yield ""
 
 
@@ -236,7 +233,7 @@ def _craft_in_short(craft: CraftReport, titled: bool) -> Iterator[str]:
         yield from ("<details><summary>Parameters</summary>", "")
         rows = [Row(row.parameter, [row.method, uncertain(row.value, row.sigma), row.unit]) for row in determined]
         yield from (Table("parameter", ["method", "value", "unit"], rows).markdown(), "", "</details>", "")
-    yield from (f"- {escaped(sentence)}" for sentence in drift_sentences(craft.drift))
+    yield from (f"- {escaped(sentence)}" for sentence in fleet_views.drift_sentences(craft.drift))
     yield from (f"- Next time: {escaped(log_words.sentence(advice.do))}" for advice in craft.advice[:_MOST])
     yield ""
 
@@ -254,6 +251,6 @@ def _more(entries: Sequence[object], what: str) -> list[str]:
 
 
 def _predicts(result: ModelReport) -> str:
-    """Write how far ahead a model's predictions are worth having in every axis; a dash where nowhere."""
+    """Write how far ahead a model's predictions are worth having in every axis; a dash if at no horizon."""
     horizon = result.uses.prediction.horizon_s
     return "–" if horizon is None else f"{horizon:g} s"

@@ -1,4 +1,4 @@
-"""A comparison of two reports as tables, as a page, as Markdown and for the terminal: all from the same rows."""
+"""A comparison of two reports as tables, page, Markdown and terminal output, all from the same rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from reports.views.fleet import chance, change_table
 
 
 def error_table(pair: ComparedPair) -> Table:
-    """Lay out what the models of both sides err on flights that they were not fitted to."""
+    """Tabulate the errors of both sides' models on held-out flights."""
     return Table(
         label="Model",
         heads=["before (m)", "after (m)", "after / before", "p"],
@@ -39,13 +39,13 @@ def error_table(pair: ComparedPair) -> Table:
 
 
 def verdict_table(pair: ComparedPair) -> Table:
-    """Lay out what the models of both sides are worth."""
+    """Tabulate how far the models of both sides can be trusted."""
     rows = [Row(row.title, [summary.TRUST_WORDS[trust] for trust in (row.a, row.b)]) for row in pair.verdicts]
     return Table("Model", ["before", "after"], rows)
 
 
 def setting_table(pair: ComparedPair) -> Table:
-    """Lay out what differs in the craft's settings and in those of the analysis."""
+    """Tabulate what differs in the craft's settings and in those of the analysis."""
     rows = [
         Row(f"{row.name.replace('_', ' ')} ({row.of})", [_setting(value) for value in (row.a, row.b)])
         for row in pair.changed
@@ -91,7 +91,7 @@ def _flights(side: Facts) -> str:
 
 
 def unpaired(numbers: ReportComparison) -> str:
-    """Report which crafts have nobody to be compared with; empty when all have."""
+    """Name the crafts that only one side has; empty when there are none."""
     sides = ((numbers.a, numbers.unpaired.a), (numbers.b, numbers.unpaired.b))
     parts = [f"only in {side.report}: {', '.join(names)}" for side, names in sides if names]
     return f"Not compared, {'; '.join(parts)}." if parts else ""
@@ -99,13 +99,13 @@ def unpaired(numbers: ReportComparison) -> str:
 
 def comparison_page(numbers: ReportComparison) -> str:
     """Render the page."""
-    drawn = [_intervals(pair, f"changes-{place}") for place, pair in enumerate(numbers.pairs)]
-    shown = [
+    figures = [_intervals(pair, f"changes-{place}") for place, pair in enumerate(numbers.pairs)]
+    sections = [
         (heading(pair), flights(pair, numbers), pair.sentences, figure, list(tables(pair)))
-        for pair, figure in zip(numbers.pairs, drawn, strict=True)
+        for pair, figure in zip(numbers.pairs, figures, strict=True)
     ]
-    figures = [figure for figure in drawn if figure is not None]
-    return render("comparison.html", figures, title=_title(numbers), pairs=shown, unpaired=unpaired(numbers))
+    drawn = [figure for figure in figures if figure is not None]
+    return render("comparison.html", drawn, title=_title(numbers), pairs=sections, unpaired=unpaired(numbers))
 
 
 def _title(numbers: ReportComparison) -> str:
@@ -124,10 +124,10 @@ def _intervals(pair: ComparedPair, name: str) -> Figure | None:
     axis = {"title": {"text": "difference, after − before (%)"}, "zeroline": True, "zerolinecolor": "@quiet"}
     plot = Plot({"automargin": True}, x=axis, showlegend=False)
     x, names = [percent for _, percent, _ in rows], [row.parameter for row, *_ in rows]
-    drawn = marks(x, range(len(rows)), "", "@ink", size=9, hover="%{y}: %{x:.3g} %<extra></extra>")
+    points = marks(x, range(len(rows)), "", "@ink", size=9, hover="%{y}: %{x:.3g} %<extra></extra>")
     error = {"type": "data", "array": digits([reach for *_, reach in rows]), "color": "@ink", "thickness": 1.5}
     colors = {"color": ["@joint" if row.significant else "@ink" for row, *_ in rows], "size": 9}
-    plot.add(drawn | {"y": names, "error_x": error, "marker": colors})
+    plot.add(points | {"y": names, "error_x": error, "marker": colors})
     caption = "Difference of each parameter with its 95 % interval: one that crosses zero may be chance."
     room = {"l": 20, "r": 14, "t": 14, "b": 44}
     return plot.figure(name, caption, 110 + 34 * len(rows), margin=room)
@@ -145,7 +145,7 @@ def comparison_markdown(numbers: ReportComparison) -> str:
 
 
 def comparison_overview(numbers: ReportComparison) -> RenderableType:
-    """Lay the comparison out for a terminal: what changed, and the tables of parameters and errors."""
+    """Lay the comparison out for a terminal: what changed, and the tables."""
     parts: list[RenderableType] = []
     for pair in numbers.pairs:
         parts += [

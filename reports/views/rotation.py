@@ -1,4 +1,4 @@
-"""How a craft turns, as sentences and tables: what its axes answer, how it follows, and what its loops have."""
+"""How a craft turns, as sentences and tables: responses of its axes, attitude following and margins of its loops."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from reports.figures.frequency import bode_figure
 from sysid.frequency.time_domain import GOOD_THEIL, UNRELATED
 from sysid.loops.known_margins import MARGINS, Margins
 
-#: Names of margins as people say them.
+#: Names of margins for readers.
 TITLES = {
     "gain_db": "Gain margin",
     "phase_deg": "Phase margin",
@@ -25,7 +25,7 @@ TITLES = {
     "peak_db": "Peak of the sensitivity",
 }
 
-#: Parameters in the order in which they are read, and the heads of their table.
+#: Parameters in the order of their table, and its heads.
 _SHOWN = ("gain", "damping", "lag", "lead", "effective_delay", "mode_frequency", "mode_damping")
 _HEADS = ("gain", "damping", "lag", "lead", "delay", "mode", "mode damping", "J", "coherent", "attitude bandwidth")
 
@@ -46,33 +46,39 @@ def rotation_figures(axes: Iterable[AxisRotation]) -> list[Figure]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Turning:
-    """The sections of a flight's page on how it turns, and on its loops."""
+    """The sections of a flight's page on how the craft turns, and on its loops."""
 
     sentences: Sequence[str]
     table: Table | None
     figures: Sequence[Figure]
     loops: Table | None
     warnings: Sequence[Finding]
-    doubts: Sequence[str]  #: What the margins rest on too weakly.
+    doubts: Sequence[str]  #: What weakens the margins.
     reasons: Sequence[tuple[str, str]]  #: Why margins are not determined, by axes.
 
 
 def rotation_view(rotation: RotationResult | None, file: str) -> Turning | None:
-    """Lay out how a flight turns, and its loops; None where nothing was looked at."""
+    """Lay out how the craft turned in a flight, and its loops; None where no rotation was estimated."""
     if rotation is None:
         return None
-    said = [sentence for axis in rotation.every for sentence in sentences(axis)]
-    said += [coupling_sentence(coupling) for coupling in rotation.couplings if coupling.ratio.value is not None]
-    doubts = [f"{remark[:1].upper()}{remark[1:]}." for loop in rotation.loops.values() for remark in loop.remarks]
+    lines = [sentence for axis in rotation.every for sentence in sentences(axis)]
+    lines += [coupling_sentence(coupling) for coupling in rotation.couplings if coupling.ratio.value is not None]
+    remarks = [remark for loop in rotation.loops.values() for remark in loop.remarks]
     return Turning(
-        sentences=[sentence.replace(f"{file}: ", "") for sentence in said],
+        sentences=[line.replace(f"{file}: ", "") for line in lines],
         table=parameter_table(rotation.every) if rotation.determined else None,
         figures=rotation_figures(rotation.every),
         loops=loop_table(rotation),
         warnings=loop_warnings(rotation),
-        doubts=[doubt.replace(f"{file}: ", "").replace(f"{file} ", "The log ") for doubt in doubts],
-        reasons=_grouped(rotation, "loop_reason", file),
+        doubts=[_sentence(remark, file) for remark in remarks],
+        reasons=_loop_reasons(rotation, file),
     )
+
+
+def _sentence(clause: str, file: str) -> str:
+    """Make a sentence of a clause in which the log is called by the name of its file."""
+    text = clause.replace(f"{file}: ", "").replace(f"{file} ", "the log ")
+    return f"{text[:1].upper()}{text[1:]}."
 
 
 def loop_warnings(rotation: RotationResult) -> list[Finding]:
@@ -91,10 +97,9 @@ def sentences(axis: AxisRotation) -> list[str]:
             said.append(
                 f"{name}: {_text(gain)} per unit of output"
                 + (f", delay {_milliseconds(delay)}" if delay is not None and delay.value is not None else "")
-                + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})."
+                + f"; the fit is {axis.rate.verdict} (J {axis.rate.cost:.0f})"
+                + (f", from {axis.rate.source}." if axis.rate.source else ".")
             )
-            if axis.rate.source:
-                said[-1] = f"{said[-1][:-1]}, from {axis.rate.source}."
             said += _checked(axis)
         else:
             said.append(f"{name}: the gain is not determined: {gain.reason}.")
@@ -115,15 +120,11 @@ def sentences(axis: AxisRotation) -> list[str]:
 
 
 def _checked(axis: AxisRotation) -> list[str]:
-    """Return how the model of an axis predicted flying that was held out, or why nothing was."""
+    """Return how the model of an axis predicted held-out flying, or why none was held out."""
     assert axis.rate is not None
-    check = axis.rate.check
+    check, reason = axis.rate.check, axis.rate.check_reason
     if check is None:
-        return (
-            [f"No flying is left to judge the {axis.axis} model: {axis.rate.check_reason}."]
-            if (axis.rate.check_reason)
-            else []
-        )
+        return [f"No flying is left to judge the {axis.axis} model: {reason}."] if reason else []
     text = (
         f"Of {check.seconds:.0f} s that were held out, such a model explains {max(check.fit_percent, 0.0):.0f} % "
         f"(Theil’s coefficient {check.theil:.2f}, good up to {GOOD_THEIL:g}): {check.verdict}"
@@ -151,10 +152,11 @@ def coupling_sentence(coupling: AxisCoupling) -> str:
 
 
 def parameter_table(axes: Sequence[AxisRotation], *, brief: bool = False) -> Table:
-    """Tabulate the parameters by axis, without rows that say nothing of any; in brief without errors in percent."""
+    """Tabulate the parameters by axis, without empty rows; in brief without errors in percent."""
     columns = [_cells(axis, brief) for axis in axes]
-    # In brief, sentences beside the table tell the attitude's bandwidth.
-    rows = [Row(head, [cells[k] for cells in columns]) for k, head in enumerate(_HEADS[: len(_HEADS) - brief])]
+    # In brief, sentences beside the table hold the attitude's bandwidth.
+    heads = _HEADS[:-1] if brief else _HEADS
+    rows = [Row(head, [cells[k] for cells in columns]) for k, head in enumerate(heads)]
     return Table(
         label="",
         heads=[axis.axis for axis in axes],
@@ -185,21 +187,18 @@ def loop_table(rotation: RotationResult) -> Table | None:
     )
 
 
-def _grouped(rotation: RotationResult, name: str, file: str) -> list[tuple[str, str]]:
-    """List reasons with the axes that they are of, each reason once."""
+def _loop_reasons(rotation: RotationResult, file: str) -> list[tuple[str, str]]:
+    """List why margins are not determined, each reason once with its axes."""
     reasons: dict[str, list[str]] = {}
     for axis in rotation.axes:
-        reason = str(getattr(axis, name)).replace(f"{file}: ", "").replace(f"{file} ", "the log ")
-        if reason:
-            reasons.setdefault(reason[:1].upper() + reason[1:] + ".", []).append(axis.axis)
+        if axis.loop_reason:
+            reasons.setdefault(_sentence(axis.loop_reason, file), []).append(axis.axis)
     return [(joined(axes).capitalize(), reason) for reason, axes in reasons.items()]
 
 
 def _margin_cells(margins: Margins) -> list[str]:
-    return [
-        _NOTHING if (known := getattr(margins, name)).value is None else uncertain(known.value, known.sigma)
-        for name in MARGINS
-    ]
+    parameters: list[Parameter] = [getattr(margins, name) for name in MARGINS]
+    return [_NOTHING if margin.value is None else uncertain(margin.value, margin.sigma) for margin in parameters]
 
 
 def _cells(axis: AxisRotation, brief: bool) -> list[str]:
