@@ -10,7 +10,7 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 
 def _spare_cores() -> int:
-    """All cores but one, which stays free to answer requests."""
+    """Return the number of cores but one, which stays free to answer requests."""
     return max(1, (os.cpu_count() or 1) - 1)
 
 
@@ -31,7 +31,7 @@ class Webhooks(StrEnum):
 
 
 class LogFormat(StrEnum):
-    """How the service writes what it does."""
+    """Format of the service's own log."""
 
     TEXT = "text"
     JSON = "json"

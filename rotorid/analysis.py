@@ -51,14 +51,14 @@ def analyze(
     redo : bool
         Analyse all logs anew.
     progress : callable, optional
-        Called with what is at work and the fraction of the whole that is done.
+        Called with the stage at work and the fraction of the whole that is done.
     **settings
         Fields of `AnalysisConfig`, such as ``mass=1.6``.
 
     Returns
     -------
     FlightResult or FleetResult
-        Of a log of one flight; of several flights or logs.
+        The former of a log with one flight, the latter of several flights or logs.
 
     Raises
     ------

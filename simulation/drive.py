@@ -1,4 +1,4 @@
-"""Drives, from the autopilot's PWM to rotor speed, the battery behind them, and rotors: thrust and torque."""
+"""Drives, from the autopilot's PWM to rotor speed, their battery, and rotors, from speed to thrust and torque."""
 
 import math
 from dataclasses import dataclass
@@ -19,11 +19,11 @@ class QuadraticRotor:
     reference_density: float = SEA_LEVEL_DENSITY  #: Air density at which k and b hold, kg/m^3.
 
     def thrust(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
-        """Thrust [N] at `speed` [rad/s] in air of `density` [kg/m^3]."""
+        """Return the thrust [N] at `speed` [rad/s] in air of `density` [kg/m^3]."""
         return self.thrust_coefficient * density / self.reference_density * speed * speed
 
     def torque(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
-        """Torque [N m] at `speed` [rad/s] in air of `density` [kg/m^3]."""
+        """Return the torque [N m] at `speed` [rad/s] in air of `density` [kg/m^3]."""
         return self.torque_coefficient * density / self.reference_density * speed * speed
 
 
@@ -47,9 +47,8 @@ class BladeElementRotor:
     lift_slope: float = 5.7  #: Per rad.
     efficiency: float = 1.0  #: eta.
 
-    @property
-    def parameters(self) -> BladeParameters:
-        """Numbers that the equations of motion read."""
+    def kernel_parameters(self) -> BladeParameters:
+        """Return the numbers that the equations of motion read."""
         angle = math.atan2(self.pitch, 2.0 * math.pi * 0.75 * self.radius)
         return BladeParameters(
             radius=float(self.radius),
@@ -64,24 +63,24 @@ class BladeElementRotor:
         self, speed: float, density: float = SEA_LEVEL_DENSITY, across: float = 0.0, sinking: float = 0.0
     ) -> float:
         """Return the induced velocity, m/s."""
-        velocity, _ = induced_velocity(speed, across * across, sinking, density, self.parameters)
+        velocity, _ = induced_velocity(speed, across * across, sinking, density, self.kernel_parameters())
         return float(velocity)
 
     def thrust(
         self, speed: float, density: float = SEA_LEVEL_DENSITY, across: float = 0.0, sinking: float = 0.0
     ) -> float:
         """Return the thrust, N."""
-        _, thrust = induced_velocity(speed, across * across, sinking, density, self.parameters)
+        _, thrust = induced_velocity(speed, across * across, sinking, density, self.kernel_parameters())
         return float(thrust)
 
     def torque(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
-        """Torque [N m] of the ideal power at rest in the air."""
+        """Return the torque [N m] of the ideal power at rest in the air."""
         return self.thrust(speed, density) * self.induced_velocity(speed, density) / speed if speed > 0.0 else 0.0
 
 
 Rotor = QuadraticRotor | BladeElementRotor
 
-#: Stands in the equations of motion where rotors follow the quadratic law.
+#: Placeholder in the equations of motion of rotors that follow the quadratic law.
 NO_BLADE = BladeParameters(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
@@ -89,9 +88,9 @@ NO_BLADE = BladeParameters(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 class ThirdOrder:
     """Speed-stabilised drive of Motion 2018, eq. 6: ``Q (T s + 1) / (a3 s^3 + a2 s^2 + a1 s + 1)`` and its limits.
 
-    The paper prints this as the way from the commanded speed to the reaction torque. Speed and acceleration are what
-    it limits, so here the fraction gives the speed; the torque follows from the speed by the rotor's own law, about
-    hover with ``Q = 2 b w``.
+    The paper prints this as the transfer function from commanded speed to reaction torque. But it limits speed and
+    acceleration, so here its output is the speed; the torque follows from the speed by the rotor's own law, about hover
+    with ``Q = 2 b w``.
     """
 
     lead: float  #: T, s.
@@ -101,7 +100,7 @@ class ThirdOrder:
     a3: float
     speed_limit: float = 490.0  #: rad/s.
     acceleration_limit: float = 500.0  #: rad/s^2.
-    catch_up: float = 0.005  #: Time constant with which the speed returns to that of the fraction after a limit, s.
+    catch_up: float = 0.005  #: Time constant with which the speed returns to that of the transfer function, s.
 
     @property
     def order(self) -> int:
@@ -160,11 +159,11 @@ class Drive:
 
     @property
     def pwm_at_full_thrust(self) -> float:
-        """PWM [us] at which thrust ends to grow."""
+        """PWM [us] of full thrust."""
         return self.pwm_min + self.spin_max * (self.pwm_max - self.pwm_min)
 
     def speed(self, pwm: float, voltage: float | None = None) -> float:
-        """Settled rotor speed [rad/s] at `pwm` [us] and `voltage` [V] (default: the reference voltage)."""
+        """Return the settled rotor speed [rad/s] at `pwm` [us] and `voltage` [V] (default: the reference voltage)."""
         span = self.pwm_at_full_thrust - self.pwm_at_zero_thrust
         a = min(max((pwm - self.pwm_at_zero_thrust) / span, 0.0), 1.0)
         ratio = 1.0 if voltage is None else voltage / self.voltage_reference

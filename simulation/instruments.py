@@ -15,7 +15,7 @@ from simulation.place import Place
 from simulation.sensors import Sensors
 from simulation.vehicle import Multirotor
 
-#: Parameters in the order of the log; those of the craft are put in their places.
+#: Parameters in the order of the log; those of the craft replace the zeros.
 _PARAMETERS = """
 FORMAT_VERSION=120 FRAME_CLASS=0 FRAME_TYPE=0 MOT_PWM_TYPE=0 MOT_PWM_MIN=0 MOT_PWM_MAX=0 MOT_SPIN_ARM=0 MOT_SPIN_MIN=0
 MOT_SPIN_MAX=0 MOT_THST_EXPO=0 MOT_BAT_VOLT_MAX=0 MOT_BAT_VOLT_MIN=0 INS_GYRO_FILTER=0 INS_ACCEL_FILTER=0 GPS1_TYPE=1
@@ -63,15 +63,15 @@ class Instruments:
         self.truth, self.vehicle, self.place, self.sensors = truth, vehicle, place, sensors
         self.seed, self.start_utc, self.boot = seed, start_utc, boot
         self.filter_frequency, self.imu_rate = filter_frequency, imu_rate
-        # A stream of its own for each instrument: changing one leaves the others as they are.
-        seeds = [np.random.RandomState(seed * 10 + k) for k in range(1, 5)]
-        self.gps = sensors.gps.sample(truth, place, seeds[0])
-        self.baro = sensors.barometer.sample(truth, place, seeds[1])
+        # A random stream for each instrument: changing one leaves the others as they are.
+        streams = [np.random.RandomState(seed * 10 + k) for k in range(1, 5)]
+        self.gps = sensors.gps.sample(truth, place, streams[0])
+        self.baro = sensors.barometer.sample(truth, place, streams[1])
         field_n = np.round(place.magnetic_field(start_utc), 9)
-        self.mag = sensors.magnetometer.sample(truth, field_n, seeds[2])
+        self.mag = sensors.magnetometer.sample(truth, field_n, streams[2])
         self.battery = self.rows(10.0)[["voltage", "current", "charge"]].copy()
-        self.battery["voltage"] += 0.015 * seeds[3].standard_normal(len(self.battery))
-        self.battery["current"] += 0.2 * seeds[3].standard_normal(len(self.battery))
+        self.battery["voltage"] += 0.015 * streams[3].standard_normal(len(self.battery))
+        self.battery["current"] += 0.2 * streams[3].standard_normal(len(self.battery))
 
     def rows(self, rate: float) -> pd.DataFrame:
         """Return the records of the flight at `rate` [Hz]."""
@@ -80,13 +80,13 @@ class Instruments:
         return truth.iloc[::step]
 
     def geodetic(self, rows: pd.DataFrame) -> tuple[Column, Column, Column]:
-        """Latitude [deg], longitude [deg] and altitude [m] of the positions p_n, p_e, p_d in `rows`."""
+        """Return latitude [deg], longitude [deg] and altitude [m] of the positions p_n, p_e, p_d in `rows`."""
         north, east, down = (rows[name].to_numpy() for name in ("p_n", "p_e", "p_d"))
         lat, lon, alt = pymap3d.ned2geodetic(north, east, down, self.place.lat_deg, self.place.lon_deg, self.place.alt)
         return lat, lon, alt
 
     def messages(self) -> list[tuple[float, str]]:
-        """Texts of the autopilot with their times on the simulation's clock."""
+        """Return the texts of the autopilot with their times on the simulation's clock."""
         return [
             (0.0, "ArduCopter V4.7.0-sim (simulated by rotorid)"),
             (0.0, f"simulated, not flown: {self.place.name}, seed {self.seed}"),
@@ -94,7 +94,7 @@ class Instruments:
         ]
 
     def parameters(self) -> dict[str, float]:
-        """Parameters of the autopilot that describe this craft, by ArduPilot's names."""
+        """Return the parameters of the autopilot that describe this craft, by ArduPilot's names."""
         vehicle, drive, sensors = self.vehicle, self.vehicle.drive, self.sensors
         parameters = {name: float(value) for name, value in (line.split("=") for line in _PARAMETERS.split())}
         motors = ("PWM_MIN", "PWM_MAX", "SPIN_ARM", "SPIN_MIN", "SPIN_MAX")
@@ -115,7 +115,7 @@ class Instruments:
         return parameters
 
     def gps_time(self, t: Column) -> tuple[Column, npt.NDArray[np.int64]]:
-        """Second of the GPS week and GPS week at times on the simulation's clock."""
+        """Return the second of the GPS week and the GPS week at times on the simulation's clock."""
         offset = (self.start_utc - _GPS_EPOCH).total_seconds() + 18.0  # leap seconds
         week = ((offset + t) // 604800.0).astype(np.int64)
         return offset + t - 604800.0 * week, week
@@ -148,14 +148,14 @@ class InstrumentedFlight(Instruments):
         self.flight = flight
 
     def navigated(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Position and velocity as the autopilot believes them, on the times of `rows`."""
+        """Return position and velocity as the autopilot estimates them, at the times of `rows`."""
         reference, errors = self.planned(rows), self.flight.navigation
         columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]
         ticks = reference["tick"].to_numpy()
         return pd.DataFrame(rows[columns].to_numpy() + errors[ticks, 0:6], index=rows.index, columns=columns)
 
     def planned(self, rows: pd.DataFrame) -> pd.DataFrame:
-        """Position, velocity and acceleration of the mission on the times of `rows`; `tick` is its row."""
+        """Return position, velocity and acceleration of the mission at the times of `rows`; `tick` is its row."""
         tick = self.flight.reference.tick_at(rows.index.to_numpy())
         columns = ["p_n", "p_e", "p_d", "v_n", "v_e", "v_d", "a_n", "a_e", "a_d", "yaw"]
         planned = pd.DataFrame(self.flight.reference.samples[tick], index=rows.index, columns=columns)
@@ -163,7 +163,7 @@ class InstrumentedFlight(Instruments):
         return planned
 
     def messages(self) -> list[tuple[float, str]]:
-        """Texts of the autopilot with their times on the simulation's clock."""
+        """Return the texts of the autopilot with their times on the simulation's clock."""
         flight = self.flight
         texts = [
             *super().messages(),
@@ -176,7 +176,7 @@ class InstrumentedFlight(Instruments):
         return texts
 
     def parameters(self) -> dict[str, float]:
-        """Parameters of the autopilot that describe this craft and its controller, by ArduPilot's names."""
+        """Return the parameters of the autopilot that describe this craft and its controller, by ArduPilot's names."""
         cascade = self.flight.setup.cascade
         parameters = super().parameters()
         parameters["MOT_THST_HOVER"] = round(self.flight.hover_thrust, 4)
@@ -185,6 +185,6 @@ class InstrumentedFlight(Instruments):
         for axis, gains in (("RLL", cascade.roll_rate), ("PIT", cascade.pitch_rate), ("YAW", cascade.yaw_rate)):
             for letter, gain in zip("PID", gains, strict=True):
                 parameters[f"ATC_RAT_{axis}_{letter}"] = gain
-            # The rate loop of `simulation._kernels`: only the slope of the error is filtered, the integral is free.
+            # As in `simulation._kernels`: only the derivative of the error is filtered, the integral is unlimited.
             parameters |= {f"ATC_RAT_{axis}_{name}": value for name, value in RATE_FILTERS.items()}
         return parameters

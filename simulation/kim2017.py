@@ -143,7 +143,7 @@ def recovery(settings: Recovery = Recovery()) -> pd.DataFrame:
     control_step, hold = 0.01, 10
     integrals = np.zeros(3)
 
-    def command(t: float, x: np.ndarray) -> np.ndarray:
+    def command(_t: float, x: np.ndarray) -> np.ndarray:
         roll, pitch, _ = attitude(x)
         error = -x[2]
         integrals[:] += control_step * np.array([-roll, -pitch, error])

@@ -198,7 +198,7 @@ def fly_to_point(flight: PointToPoint = VERTICAL) -> pd.DataFrame:
         )
     autopilot = Autopilot(craft, target, flight.speed)
 
-    def arrived(t: float, x: np.ndarray) -> bool:
+    def arrived(_t: float, x: np.ndarray) -> bool:
         offset, velocity = target - x[0:3], x[3:6]
         return float(offset @ offset) < ARRIVAL_DISTANCE**2 and float(velocity @ velocity) < 0.1**2
 

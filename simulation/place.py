@@ -1,8 +1,8 @@
 """A place on Earth to fly from: its gravity, its magnetic field and its wind."""
 
-import datetime as dt
 import math
 from dataclasses import dataclass
+from datetime import datetime
 
 import numpy as np
 from pygeomag import GeoMag
@@ -17,7 +17,7 @@ _FEET = 0.3048
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """Mean wind of one direction and turbulence carried past the craft by it."""
+    """Mean wind of constant direction, with the turbulence that it carries past the craft."""
 
     speed: float = 0.0  #: Mean wind speed, m/s.
     from_deg: float = 0.0  #: Direction that the wind comes from, degrees clockwise from north.
@@ -46,9 +46,9 @@ class Wind:
         return np.array([sigma_u, sigma_u, sigma_w]), np.array([length_u, length_u, self.height])
 
     def sample(self, n: int, dt: float, random: np.random.RandomState) -> np.ndarray:
-        """Air velocity over time.
+        """Return the velocity of the air at `n` times, NED, m/s, shape (n, 3).
 
-        The gust field is frozen and passes with the mean wind (at least 1 m/s). The first component has the
+        The gust field is frozen and passes with the mean wind (at least 1 m/s). The component along the wind has the
         first-order Dryden spectrum, the others the second-order one.
         """
         sigma, length = self.scales()
@@ -117,10 +117,10 @@ class Place:
         surface = 9.7803253359 * (1.0 + 0.00193185265241 * sin2) / math.sqrt(1.0 - 0.00669437999014 * sin2)
         return surface - 3.086e-6 * self.alt
 
-    def magnetic_field(self, date: dt.datetime) -> np.ndarray:
-        """Magnetic field [T] north, east, down by the World Magnetic Model at `date`; shape (3,)."""
-        start = dt.datetime(date.year, 1, 1, tzinfo=date.tzinfo)
+    def magnetic_field(self, date: datetime) -> np.ndarray:
+        """Return the magnetic field [T] north, east, down by the World Magnetic Model at `date`; shape (3,)."""
+        start = datetime(date.year, 1, 1, tzinfo=date.tzinfo)
         year = date.year + (date - start).total_seconds() / (366.0 * 86400.0)
-        model = GeoMag(base_year=dt.datetime(date.year, date.month, date.day))
+        model = GeoMag(base_year=datetime(date.year, date.month, date.day))
         field = model.calculate(glat=self.lat_deg, glon=self.lon_deg, alt=self.alt / 1000.0, time=year)
         return np.array([field.x, field.y, field.z]) * 1e-9

@@ -172,7 +172,7 @@ class Multirotor:
             thrust_coefficient=np.array([rotor.thrust_coefficient for rotor in quadratic]),
             torque_coefficient=np.array([rotor.torque_coefficient for rotor in quadratic]),
             reference_density=quadratic[0].reference_density if quadratic else SEA_LEVEL_DENSITY,
-            blade=first.parameters if isinstance(first, BladeElementRotor) else NO_BLADE,
+            blade=first.kernel_parameters() if isinstance(first, BladeElementRotor) else NO_BLADE,
             response=self.drive.response.kernel_parameters(),
             drag_linear=np.array(self.drag_linear, dtype=float),
             drag_area=np.array(self.drag_area, dtype=float),

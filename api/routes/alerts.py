@@ -91,7 +91,7 @@ feeds = APIRouter(include_in_schema=False)
 
 @feeds.get("/feeds/{secret}.atom")
 def read_feed(request: Request, secret: str, parts: PartsOf) -> Response:
-    """Answer with the alerts of whoever a secret is of."""
+    """Return the alerts of the owner of a secret."""
     owner = parts.feeds.owner_of(secret)
     if owner is None:
         raise ProblemError.missing("There is no such feed, or it has another address.")

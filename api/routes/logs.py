@@ -65,7 +65,7 @@ async def take_upload(
 
 
 def _unfinished(analysis: Analysis) -> ProblemError:
-    """Make the answer to who waited for an analysis that did not come to its end."""
+    """Return the problem for a client that waited for an analysis which did not finish."""
     if analysis.state is State.CANCELLED:
         return ProblemError.of("cancelled", "The analysis was cancelled.")
     detail = (
@@ -108,7 +108,7 @@ def delete_log(
 
 
 def _deleter(request: Request, parts: Parts, log_id: LogId, delete_token: str | None) -> str:
-    """Report for whom a log may be deleted: for the owner who asks, or for the one whose delete token was sent."""
+    """Return the owner whose log may be deleted: the one who asks, or the one whose delete token was sent."""
     if delete_token is not None and bearer(request) is None:
         return parts.catalog.may_delete_log(log_id, delete_token)
     return owner_of(request, parts)

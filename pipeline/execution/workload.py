@@ -1,7 +1,7 @@
-"""How long each stage of an analysis will take, from what a log holds, so that a progress bar can tell.
+"""How long each stage of an analysis will take, estimated from what a log holds, for the progress bar.
 
-Seconds are those of one core of 2024 on 45 logs of all kinds; only their ratios matter, since the time to go is told
-from the time gone (`pipeline.execution.progress.Clock`).
+Seconds are those of one core of 2024 on 45 logs of all kinds; only their ratios matter, since the time to go is
+extrapolated from the time gone (`pipeline.execution.progress.Clock`).
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ if TYPE_CHECKING:
     from logparse import FlightLog
     from pipeline.results.span import Span
 else:
-    np = lazy("numpy")  # a bar is there before the numerical packages are
+    np = lazy("numpy")  # the bar appears before the numerical packages are loaded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Workload:
-    """What a log holds, as far as it takes time; what nobody says is as usual."""
+    """What a log holds, as far as it takes time; by default as in a usual log."""
 
     megabytes: float = 1.0  #: Of the file.
     logged: float = 90.0  #: Time that the inertial sensors' table covers, s.
-    position: bool = True  #: Whether there are fixes enough for one.
+    position: bool = True  #: Whether there are enough fixes for one.
     flown: float = 60.0  #: Of the flight, s; 0 without one.
     motors: int = 4
     rows: float = 0.0  #: Of the rate controller in flight.
 
     @classmethod
     def of(cls, log: FlightLog, flight: Span | None) -> Workload:
-        """Return what a log holds, and one of its flights."""
+        """Return the workload of a log and one of its flights."""
         tables, rates = log.tables, log.tables.times("rates")
         fixes = 0 if tables.gps is None else int((tables.gps["fix"].to_numpy(np.float64) >= 3.0).sum())
         inside = rates is not None and flight is not None and (rates >= flight.start) & (rates <= flight.stop)
@@ -48,7 +48,7 @@ class Workload:
         )
 
     def seconds(self) -> dict[str, float]:
-        """Return the seconds that each stage will take; what will not be done is left out."""
+        """Return the seconds that each stage will take; stages that will not run are left out."""
         seconds = {"read": 0.05 + 0.012 * self.megabytes, "tables": 0.03, "account": 0.08 + 0.03 * self.megabytes}
         seconds["trajectory"] = 0.2 + 0.006 * self.logged if self.position else 0.15 + 0.0015 * self.logged
         if not self.flown:
@@ -62,7 +62,7 @@ class Workload:
         fitted, body = min(self.flown, 350.0), min(self.flown, 600.0)
         return seconds | {
             "experiment": 0.06,
-            # With the judging on held-out flight that follows each.
+            # With the validation on held-out flight that follows each fit.
             "motors": (0.15 + 0.003 * fitted) * (self.motors / 4.0) ** 0.7 + 0.1 + 0.001 * fitted,
             "mixer": 0.3 + 0.0005 * fitted,
             "reference": 0.08,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from sysid.bench.stand import BenchReport
 
 
-#: Samples per second: rotation needs more than the transfer functions' ten.
-RATE = 50.0
+#: Samples per second: rotation needs more than the ten of the transfer functions.
+_RATE = 50.0
 
 
 def craft(
@@ -53,7 +53,7 @@ def craft(
     Example: rotorid craft flight1.bin flight2.bin --mass 4.3 --arm 0.32 --out craft
     """
     for name, value in (("--mass", mass), ("--arm", arm), ("--disc-area", disc_area)):
-        if value is not None and not 0.0 < value < float("inf"):
+        if value is not None and not 0.0 < value < math.inf:
             raise typer.BadParameter(f"{value:g} is of no craft: it must be above 0", param_hint=name)
     import logparse
     import sysid
@@ -72,7 +72,7 @@ def craft(
         for number, path in enumerate(logs):
             progress(f"reading {file_name(str(path))}", number / (len(logs) + 1))
             log = logparse.read_log(path)
-            records.append(sysid.Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), rate=RATE))
+            records.append(sysid.Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), rate=_RATE))
         progress("fitting", len(logs) / (len(logs) + 1))
         priors = None
         if bench and mass is not None:
@@ -97,7 +97,7 @@ def craft(
 
 
 def _overview(parameters: pd.DataFrame) -> tuple[Table, list[str]]:
-    """Tabulate every parameter by every method; reasons become numbers, explained below the table."""
+    """Tabulate every parameter by every method; its notes are numbered and returned beside it."""
     from core.quantity import uncertain
     from core.table import Row, Table
 
@@ -172,11 +172,12 @@ def bench(
         console().print(_summary(numbers), markup=False)
         typer.echo(out / "bench.html")
     if any(isinstance(row, NoTrim) for row in numbers.trim):
-        # The table was used; what was asked of it, the trim, could not be had.
+        # The table was fitted, but the trim that was asked for could not be found.
         raise typer.Exit(NOT_POSSIBLE)
 
 
 def _summary(numbers: BenchReport) -> str:
+    """Write coefficients, trims and findings of a thrust-stand test for the terminal."""
     from core.quantity import uncertain
     from sysid.bench.stand import NoTrim
 

@@ -110,10 +110,10 @@ def fit_rigid_body(
             )
         )
     report("paths", 0.7)
-    shared, doubt = fine.values[:SHARED], left_open(fine.covariance[:SHARED, :SHARED])
+    shared, craft_covariance = fine.values[:SHARED], left_open(fine.covariance[:SHARED, :SHARED])
     # Points of a varying wind stand nearer to one another than the long gusts last (Dryden: about 100 m at 15 m height,
     # 20 to 50 s in light wind), so that free runs of a fitted flight follow them.
-    trims = [whole_trim(flight, shared, law, "fit", 20.0, doubt) for flight in motions]
+    trims = [whole_trim(flight, shared, law, "fit", 20.0, craft_covariance) for flight in motions]
     if not np.isfinite(prior.sigma[0]):
         fine, trims = _at_level(fine, trims)
     rmse = _window_error(motions, fine.values[:SHARED], trims, law)

@@ -153,7 +153,7 @@ class RigidBodyModel(Summarised):
         run = flight.run(theta, shapes, self.law, start)
         mean = np.array([*self._shared, trim.wind_exponent, trim.thrust_scale, trim.wind_n, trim.wind_e])
         looked = flight.cut(0, start + 1) if start > 0 else flight
-        states = carry_states(looked, self._shared, self.law, doubt=self._doubt)
+        states = carry_states(looked, self._shared, self.law, craft_covariance=self._craft_covariance)
         errors = states.covariances[-1].copy()
         if start > 0:
             # The run goes on with its trim and without gusts: what the flight says against them is an error.
@@ -207,7 +207,7 @@ class RigidBodyModel(Summarised):
         The fit's own errors of a single flight's scale hold that of the air's density, which is alike in both parts.
         """
         flight = self._motion(before)
-        trim = early_trim(flight, self._shared, self.law, "the flight before", self._doubt)
+        trim = early_trim(flight, self._shared, self.law, "the flight before", self._craft_covariance)
         return replace(self, flights={**self.flights, after.name: replace(trim, looked_until=None)})
 
     def with_early_trim(self, experiment: Experiment) -> RigidBodyModel:
@@ -237,8 +237,8 @@ class RigidBodyModel(Summarised):
         flight = self._motion(experiment)
         if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
             beginning = flight.cut(0, max(round(seconds / flight.dt), 2))
-            return early_trim(beginning, self._shared, self.law, f"first {seconds:g} s", self._doubt)
-        return whole_trim(flight, self._shared, self.law, "whole flight", wind_spacing, self._doubt)
+            return early_trim(beginning, self._shared, self.law, f"first {seconds:g} s", self._craft_covariance)
+        return whole_trim(flight, self._shared, self.law, "whole flight", wind_spacing, self._craft_covariance)
 
     def trimmed(
         self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
@@ -312,7 +312,7 @@ class RigidBodyModel(Summarised):
         return np.array([self.value(name) for name in THETA])
 
     @property
-    def _doubt(self) -> Floats:
+    def _craft_covariance(self) -> Floats:
         """Covariance of `_shared`, but for what a flight's thrust scale makes up for, and the lag, which is small."""
         places = [self.estimated.index(name) for name in THETA]
         beyond = np.diag([self.parameters[name].transfer ** 2 for name in THETA])

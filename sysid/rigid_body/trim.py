@@ -38,21 +38,21 @@ def trim_prior() -> tuple[Floats, Floats, Floats, Floats]:
     return ANY_FLIGHT, np.array([ANY_SIGMA[0], AIR_SIGMA, WIND_SIGMA, WIND_SIGMA]), LOWEST, HIGHEST
 
 
-def early_trim(flight: BodyMotion, shared: Floats, law: int, source: str, doubt: Floats) -> FlightTrim:
+def early_trim(flight: BodyMotion, shared: Floats, law: int, source: str, craft_covariance: Floats) -> FlightTrim:
     """Find wind and thrust scale from the beginning of a flight, for what comes after it.
 
     They are what a filter that knows gusts for gusts expects of the rest of the flight: matching one free run would
     take every gust for the mean, and paths that are tens of metres off for noise that prior knowledge outvotes.
 
-    `doubt` is the covariance of the craft's parameters, which a trim makes up for (`left_open`).
+    `craft_covariance` is that of the craft's parameters as `left_open` returns it.
     """
     states = carry_states(flight, shared, law)
-    trim = _trim(flight, shared, law, source, states, states.own[-1], doubt)
+    trim = _trim(flight, shared, law, source, states, states.own[-1], craft_covariance)
     return replace(trim, looked_until=float(flight.t[-1]))
 
 
 def whole_trim(
-    flight: BodyMotion, shared: Floats, law: int, source: str, spacing: float | None, doubt: Floats
+    flight: BodyMotion, shared: Floats, law: int, source: str, spacing: float | None, craft_covariance: Floats
 ) -> FlightTrim:
     """Match the free run over a whole flight from the measured initial state by wind and thrust scale alone.
 
@@ -70,7 +70,7 @@ def whole_trim(
         average = width @ departures / width.sum()
         own[_WIND:], departures = own[_WIND:] + average, departures - average
     variation = tuple((float(t), float(n), float(e)) for t, (n, e) in zip(knots, departures, strict=True))
-    return replace(_trim(flight, shared, law, source, states, own, doubt, whole=True), variation=variation)
+    return replace(_trim(flight, shared, law, source, states, own, craft_covariance, whole=True), variation=variation)
 
 
 def _trim(
@@ -80,7 +80,7 @@ def _trim(
     source: str,
     states: Carried,
     own: Floats,
-    doubt: Floats,
+    craft_covariance: Floats,
     *,
     whole: bool = False,
 ) -> FlightTrim:
@@ -90,14 +90,15 @@ def _trim(
     the attitude's besides. The mean wind of a `whole` flight is that with which its forces balance, gusts included: a
     filter's is of a process, of which the flight is a sample.
     """
-    wide, at_best = carry_states(flight, shared, law, doubt=doubt, like=states), known_at_best(own[_WIND:]) ** 2
+    wide = carry_states(flight, shared, law, craft_covariance=craft_covariance, like=states)
+    at_best = known_at_best(own[_WIND:]) ** 2
     errors = np.diag(wide.covariances[-1])[:FIXED] + (own - wide.own[-1]) ** 2 + at_best
     in_runs = np.sqrt(np.diag(states.covariances[-1])[:FIXED] + at_best).tolist()
     blocks = velocity_increments(flight, np.concatenate([shared, own]), law)
     pushed = np.concatenate([blocks.by_craft, blocks.by_flight], axis=2)[:, :2].mean(axis=0)
     to_wind = np.linalg.pinv(pushed[:, SHARED + _WIND :], rcond=1e-9)
     if whole:
-        others = scipy.linalg.block_diag(doubt, np.diag(errors[:_WIND]))
+        others = scipy.linalg.block_diag(craft_covariance, np.diag(errors[:_WIND]))
         slope = to_wind @ pushed[:, : SHARED + _WIND]
         noise = states.wander.noise(blocks.seconds)[0] / len(blocks.missed) * to_wind @ to_wind.T
         errors[_WIND:] = np.diag(slope @ others @ slope.T + noise) + at_best[_WIND:]
@@ -225,11 +226,11 @@ def wind_shapes(t: Floats, knots: Floats) -> Floats:
 
 
 def left_open(covariance: Floats) -> Floats:
-    """Return the errors of a craft's parameters that a trim has to live with, of their covariance (SHARED, SHARED).
+    """Return the covariance of a craft's parameters, (SHARED, SHARED), without what a trim compensates.
 
-    Without those that a flight's thrust scale makes up for, and the lag, which is small.
+    That is the part that a flight's thrust scale compensates, and the lag, whose effect is small.
     """
-    doubt = covariance.copy()
-    doubt[LAG], doubt[:, LAG] = 0.0, 0.0
-    doubt[0, 0] = doubt[0, 1:] @ np.linalg.pinv(doubt[1:, 1:]) @ doubt[1:, 0]
-    return doubt
+    left = covariance.copy()
+    left[LAG], left[:, LAG] = 0.0, 0.0
+    left[0, 0] = left[0, 1:] @ np.linalg.pinv(left[1:, 1:]) @ left[1:, 0]
+    return left

@@ -96,14 +96,15 @@ def fit_transfer_functions(
     """
     records = require_alike(experiments)
     shape = (len(records[0].output_names), len(records[0].input_names))
-    fixed = np.broadcast_to(np.asarray(integrators, dtype=np.int64), shape[:1])
-    orders, counts = _channels(poles, zeros, fixed, structure, shape)
-    late = np.zeros(shape) if delays is None else _spread(delays, shape, "delays").astype(np.float64)
-    if not np.all((late >= 0.0) & (late < min(record.duration for record in records))):
+    at_zero = np.broadcast_to(np.asarray(integrators, dtype=np.int64), shape[:1])
+    orders, counts = _channels(poles, zeros, at_zero, structure, shape)
+    shortest = min(record.duration for record in records)
+    known_delays = np.zeros(shape) if delays is None else _spread(delays, shape, "delays").astype(np.float64)
+    if not np.all((known_delays >= 0.0) & (known_delays < shortest)):
         raise ModelOrderError("delays must be at least 0 and shorter than the records")
     if hold not in ("zoh", "foh"):
         raise ModelOrderError(f"hold must be 'zoh' or 'foh', not {hold!r}")
-    if delays is None and not 0.0 < longest_delay < 0.5 * min(record.duration for record in records):
+    if delays is None and not 0.0 < longest_delay < 0.5 * shortest:
         raise ModelOrderError("longest_delay must be above 0 and less than half of the shortest record")
     excitation = examine(records)
     report = progress or (lambda stage, fraction: None)
@@ -116,18 +117,18 @@ def fit_transfer_functions(
     for column in range(len(outputs)):
         active = tuple(j for j in excitation.active if orders[column, j] > 0)
         task = _Task(
-            column,
-            active,
-            tuple(int(orders[column, j]) for j in active),
-            tuple(int(counts[column, j]) for j in active),
-            late[column, list(active)],
-            int(fixed[column]),
-            longest_delay if delays is None else 0.0,
-            structure,
-            hold,
-            ridge,
-            starts,
-            seed,
+            column=column,
+            active=active,
+            orders=tuple(int(orders[column, j]) for j in active),
+            counts=tuple(int(counts[column, j]) for j in active),
+            delays=known_delays[column, list(active)],
+            integrators=int(at_zero[column]),
+            longest_delay=longest_delay if delays is None else 0.0,
+            structure=structure,
+            hold=hold,
+            ridge=ridge,
+            starts=starts,
+            seed=seed,
         )
         findings += [
             finding
@@ -135,7 +136,7 @@ def fit_transfer_functions(
             if finding not in findings
         ]
         tasks.append(task)
-    # The matrices are small: BLAS threads only wait for one another, ten times as long as the work takes.
+    # The matrices are small: with several threads BLAS waits ten times as long as it works.
     with _blas().limit(limits=1, user_api="blas"):
         for column, (output, task) in enumerate(zip(outputs, tasks, strict=True)):
             report(f"fitting {output}", column / len(outputs))
@@ -150,7 +151,7 @@ def fit_transfer_functions(
     functions = {output: fit.functions for output, fit in fits.items()}
     findings += remarks(records, reports, functions)
     return TransferFunctionModel(
-        name=_name(outputs, orders, counts, structure, fixed),
+        name=_name(outputs, orders, counts, structure, at_zero),
         transfer_functions=functions,
         input_names=records[0].input_names,
         output_names=outputs,
@@ -178,21 +179,21 @@ def fit_transfer_functions(
 
 @cache
 def _blas() -> ThreadpoolController:
-    """Find the libraries that have threads once: looking through all that is loaded takes longer than a small fit."""
+    """Find the libraries with threads once: searching all that is loaded takes longer than a small fit."""
     return ThreadpoolController()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Task:
-    """What to fit to one output, in columns of the inputs that act on it."""
+    """What to fit to one output."""
 
-    column: int
-    active: tuple[int, ...]
-    orders: tuple[int, ...]
+    column: int  #: Of the output.
+    active: tuple[int, ...]  #: Columns of the inputs that act on it.
+    orders: tuple[int, ...]  #: Poles from each of them, and coefficients of the numerator.
     counts: tuple[int, ...]
     delays: Floats
     integrators: int
-    longest_delay: float
+    longest_delay: float  #: Up to which delays are estimated, s; 0 where they are known.
     structure: str
     hold: str
     ridge: float | None
@@ -202,6 +203,8 @@ class _Task:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _OutputFit:
+    """The model of one output."""
+
     functions: Mapping[str, TransferFunction]
     disturbance: NoiseModel
     initial_energy: float
@@ -210,6 +213,7 @@ class _OutputFit:
 
 
 def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.float64]:
+    """Return what was given of each output and input, of shape (p, m)."""
     array = np.asarray(values)
     if array.ndim > 2 or (array.ndim > 0 and array.shape not in (shape, shape[1:])):
         raise ModelOrderError(
@@ -222,7 +226,7 @@ def _spread(values: ArrayLike, shape: tuple[int, int], name: str) -> NDArray[np.
 def _channels(
     poles: ArrayLike, zeros: ArrayLike, integrators: Integers, structure: str, shape: tuple[int, int]
 ) -> tuple[Integers, Integers]:
-    """Poles and numerator coefficients of every output and input, checked."""
+    """Return the poles and numerator coefficients of every output and input, checked."""
     orders = _spread(poles, shape, "poles").astype(np.int64)
     given = _spread(zeros, shape, "zeros").astype(np.int64)
     if np.ndim(poles) == 0 and np.any(orders < 1):
@@ -245,6 +249,7 @@ def _channels(
 
 
 def _name(outputs: Sequence[str], orders: Integers, counts: Integers, structure: str, integrators: Integers) -> str:
+    """Name a model by its outputs and orders."""
     used = orders > 0
     poles = " or ".join(map(str, sorted(set(orders[used].tolist()))))
     zeros = " or ".join(map(str, sorted(set((counts[used] - 1).tolist()))))
@@ -264,12 +269,12 @@ def _fit_output(
     begun = time.monotonic()
     column, active = task.column, list(task.active)
     y = [record.y[:, column] - record.output_trim[column] for record in records]
-    size = np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2))
-    scale = float(size) if size > 1e-12 else 1.0
+    spread = float(np.sqrt(np.mean(np.concatenate([values - values.mean() for values in y]) ** 2)))
+    scale = spread if spread > 1e-12 else 1.0
     longest = max(record.duration for record in records)
     if not active:
-        return _without_inputs(records, column, y, scale, longest, task)
-    common = FitProblem(
+        return _without_inputs(records, y, scale, longest, task)
+    problem = FitProblem(
         inputs=tuple(
             np.ascontiguousarray((record.u - record.input_trim)[:, active] / excitation.scale[active])
             for record in records
@@ -282,18 +287,18 @@ def _fit_output(
         hold=task.hold,
         band=resolvable_band(longest, records[0].dt),
         ridge=1e-3 if task.ridge is None else task.ridge,
-        initial=0.1**2 / expected_energy(longest, 1),  # a residual of a tenth, before the first fit tells it
+        initial=0.1**2 / expected_energy(longest, 1),  # a residual of a tenth, until the first fit
         integrators=task.integrators,
         delays=tuple(map(float, task.delays)) if task.delays.any() else (),
         longest_delay=task.longest_delay,
     )
     rng = np.random.default_rng([task.seed, column])
     plan = Plan(task.structure == "per_input", task.orders, task.ridge, task.starts, excitation.independent)
-    solution = search(common, plan, rng, deadline, stage)
+    solution = search(problem, plan, rng, deadline, stage)
     report = _report(solution, y, scale, task, time.monotonic() - begun)
     functions, undetermined = _transfer_functions(solution, excitation, active, scale, records[0].input_names)
     report = replace(report, undetermined=undetermined)
-    # The energy of initial responses that the fit assumed, which a free run assumes again.
+    # The energy of initial responses that the fit assumed; a free run assumes the same.
     initial_energy = max(report.rmse, 1e-9) ** 2 / solution.problem.initial
     shared = task.structure == "common"
     residuals = [
@@ -312,7 +317,7 @@ def _fit_output(
 
 
 def _without_inputs(
-    records: Sequence[Experiment], column: int, y: Sequence[Floats], scale: float, longest: float, task: _Task
+    records: Sequence[Experiment], y: Sequence[Floats], scale: float, longest: float, task: _Task
 ) -> _OutputFit:
     """Return the model of an output on which nothing acts: each record's mean."""
     residuals = [values - values.mean() for values in y]
@@ -331,14 +336,15 @@ def _without_inputs(
 
 
 def _report(solution: Found, y: Sequence[Floats], scale: float, task: _Task, seconds: float) -> FitReport:
+    """Report how the fit of one output went."""
     problem, point = solution.problem, solution.descent.point
     information = reduced_information(problem, point)
     squares = scale**2 * sum(float(residual @ residual) for residual in point.residuals)
     variation = float(np.linalg.norm(np.concatenate([values - values.mean() for values in y])))
     estimated = np.flatnonzero(np.diag(information) > 0.0)
     information = information[np.ix_(estimated, estimated)]
-    size = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
-    eigenvalues = np.linalg.eigvalsh(information * size * size[:, None]) if len(size) else np.ones(1)
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    eigenvalues = np.linalg.eigvalsh(information * unit * unit[:, None]) if len(unit) else np.ones(1)
     smallest = max(float(eigenvalues[0]), 1e-16 * float(eigenvalues[-1]))
     return FitReport(
         rmse=float(np.sqrt(squares / problem.samples)),
@@ -364,7 +370,7 @@ def _parameters(task: _Task) -> int:
 def _transfer_functions(
     solution: Found, excitation: Excitation, active: Sequence[int], scale: float, names: Sequence[str]
 ) -> tuple[dict[str, TransferFunction], int]:
-    """Turn the normalised solution into transfer functions in seconds and physical units, with covariance."""
+    """Return transfer functions in physical units, with covariance, and how many numbers are not determined."""
     problem, point = solution.problem, solution.descent.point
     nb, m, k, groups = problem.numerators, len(problem.group), problem.integrators, problem.groups
     covariance = parameter_covariance(problem, point)

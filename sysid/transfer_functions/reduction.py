@@ -251,8 +251,8 @@ def _by_delay(problem: FitProblem, basis: Basis, numerators: Floats, u: Floats, 
     return problem.dt * np.asarray(result)
 
 
-def own_eliminated(basis: Basis, part: Part, columns: Floats) -> Floats:
-    """Regressors of what is shared, without what the record's own parameters can explain of them; shape (N, q)."""
+def own_eliminated(part: Part, columns: Floats) -> Floats:
+    """Return the regressors of shared parameters less what the record's own can explain of them; shape (N, q)."""
     locals_, first = len(part.local), part.trends.shape[1] - 1
     along = np.hstack([part.gram[:locals_, locals_:-1], part.along(columns)[:locals_]])
     taken = backward(part.factor, forward(part.factor, along))

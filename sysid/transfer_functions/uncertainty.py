@@ -51,7 +51,7 @@ def _sandwich(problem: FitProblem, point: Point) -> tuple[Floats, Floats, Floats
     # A trace of white prior keeps directions without information finite, and their covariance huge.
     trace = 1e-11 * np.eye(len(size))
     bread = information * size * size[:, None] + trace + np.diag((~estimated).astype(np.float64))
-    reduced = [own_eliminated(point.basis, part, columns) for part, columns in zip(point.parts, jacobians, strict=True)]
+    reduced = [own_eliminated(part, columns) for part, columns in zip(point.parts, jacobians, strict=True)]
     filling = coloured_information(reduced, colour)
     filling = filling * size * size[:, None] + colour[0] * trace
     return np.asarray(np.linalg.inv(bread)), np.asarray(filling), size, float(colour[0])

@@ -115,7 +115,7 @@ def test_the_beginning_of_a_flight_contradicts_wrong_drag():
     drags = np.array([name.startswith("drag_linear") for name in THETA])
     right = np.array([model.value(name) for name in THETA])
     wrong, doubt = np.where(drags, 1.2 * right, right), np.diag(np.where(drags, 0.2 * right, 0.0) ** 2)
-    carried = carry_states(flight.cut(0, round(30.0 / flight.dt)), wrong, model.law, doubt=doubt)
+    carried = carry_states(flight.cut(0, round(30.0 / flight.dt)), wrong, model.law, craft_covariance=doubt)
     left = (carried.craft[-1] + wrong - right)[drags]
     sigma = np.sqrt(np.diag(carried.covariances[-1])[STATES:][drags])
     assert (sigma[:2] < 0.15 * right[drags][:2]).all()

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from math import inf, isfinite
 
 from core.findings import Finding
 from logparse import FlightLog, Tables
@@ -22,18 +22,18 @@ from pipeline.results.account import Account, Phase, PhaseKind
 from pipeline.results.span import Span, around
 from sysid.rotors.motor_faults import too_slow
 
-#: What breaks the craft: nothing after it serves models.
+#: What breaks the craft, so that nothing after it serves models.
 _ENDING = frozenset(("crash", "motor-fault", "disarmed-in-air"))
-#: Time before such a happening that is left out with it [s], and before the end of a flight in which it may still be
-#: what ended it.
+#: Time before such a happening that is left out with it, and before or after the end of a flight in which a loss of
+#: control or lift counts as what ended it, s.
 _MARGIN, _END = 0.3, 3.0
-#: What makes position and speed of the receiver doubtful while it lasts, by kind or by what the autopilot reported
+#: What makes position and speed of the receiver doubtful while it lasts, by kind or by the autopilot's subsystem
 #: (26-11-2014_181, whose receiver left the ground three seconds before it jumped).
 _GPS_WRONG = frozenset(("gps-lost", "gps-glitch", "GPS"))
 #: What ends the time in which motors are compared: blows, and a throttle that runs away, at whose limit no motor has
 #: the output that it needs (26-11-2014_181, cut at 97 s).
 _UNTRIMMED = frozenset(("crash", "hard-landing", "disarmed-in-air", "throttle-runaway"))
-#: What the log may lack, by table, and what is then not known.
+#: What is not known where the log lacks a table.
 _LACKS = {
     "baro": "no barometer: heights are of another sensor",
     "gps": "no GPS: neither speed nor distance",
@@ -48,11 +48,11 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
     """Make the account of one flight; of a log without one, what the autopilot reported on the ground."""
     if flight is not None:
         return account_of(Readings.of(log, flight))
-    nowhere = Span(float("inf"), float("inf"))
-    readings = Readings(log.tables, log.messages, log.vehicle, nowhere, around(None, ()))
-    noted = gravest_first(list(reported_happenings(readings)))
-    sentence = _on_the_ground(noted, other=log.vehicle.other_craft, high=any(heights(log.tables)))
-    return Account(flight=None, happenings=noted, headline=sentence, unknown=_unknown(log.tables))
+    never = Span(inf, inf)
+    readings = Readings(log.tables, log.messages, log.vehicle, never, around(None, ()))
+    happenings = gravest_first(list(reported_happenings(readings)))
+    sentence = _on_the_ground(happenings, other=log.vehicle.other_craft, height_known=any(heights(log.tables)))
+    return Account(flight=None, happenings=happenings, headline=sentence, unknown=_unknown(log.tables))
 
 
 def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]]:
@@ -65,8 +65,7 @@ def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]
 def account_of(readings: Readings) -> Account:
     """Make the account of one flight of its readings."""
     flight, tables, unknown = readings.flight, readings.tables, _unknown(readings.tables)
-    happenings = _ended(_happenings(readings), flight)
-    ordered = gravest_first(happenings)
+    ordered = gravest_first(_until_crash(_happenings(readings)))
     story = tell_story(ordered)
     lost = next((finding.t for finding in story if finding.id in _ENDING or finding.id == "control-lost"), None)
     height = state.height(readings)
@@ -117,53 +116,44 @@ def _unknown(tables: Tables) -> tuple[str, ...]:
 
 
 def _happenings(readings: Readings) -> list[Finding]:
-    """Everything that happened, each kind by its own reading."""
+    """Return everything that happened, each kind by its own reading."""
     findings = [*attitude_happenings(readings), *power_happenings(readings)]
     stop, touch = readings.flight.stop, contact(readings)
     down = stop if touch is None else min(stop, touch.t)
-    late = [
-        finding
+    late = {
+        finding.id
         for finding in findings
         if finding.t is not None and finding.t < down + _END and (finding.end or finding.t) > down - _END
-    ]
-    touched = list(
-        ground_happenings(
-            readings,
-            touch,
-            out_of_control=any(finding.id in ("control-lost", "yaw-lost") for finding in late),
-            sank=any(finding.id == "lift-lost" for finding in late),
-        )
+    }
+    findings += ground_happenings(
+        readings, touch, out_of_control=bool(late & {"control-lost", "yaw-lost"}), sank="lift-lost" in late
     )
-    findings += touched
     findings += motor_happenings(
         readings, until=min([stop, *(finding.t for finding in findings if finding.id in _UNTRIMMED and finding.t)])
     )
-    return findings + list(sensor_happenings(readings)) + list(reported_happenings(readings))
+    return [*findings, *sensor_happenings(readings), *reported_happenings(readings)]
 
 
 def _advised_once(happenings: Iterable[Finding]) -> Iterator[Finding]:
-    """Yield happenings with each advice at the gravest that it is for."""
+    """Yield happenings, each advice only with the gravest that has it."""
     given = {""}
     for finding in happenings:
         yield replace(finding, advice="") if finding.advice in given else finding
         given.add(finding.advice)
 
 
-def _ended(happenings: Iterable[Finding], flight: Span) -> list[Finding]:
+def _until_crash(happenings: Sequence[Finding]) -> list[Finding]:
     """Leave out what only follows from a crash, after which all sensors and loops are wrong."""
-    findings = list(happenings)
-    crash = min((finding.t for finding in findings if finding.id == "crash" and finding.t is not None), default=None)
-    if crash is None:
-        return findings
+    crash = min((finding.t for finding in happenings if finding.id == "crash" and finding.t is not None), default=inf)
     return [
         finding
-        for finding in findings
+        for finding in happenings
         if finding.t is None or finding.t <= crash or finding.id in ("crash", "failsafe", "autopilot-error")
     ]
 
 
 def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...]) -> Span:
-    """Return the part of the flight before it broke; a crash begins with the first of its story."""
+    """Return the part of the flight before the craft broke; a crash begins with the loss that its story names."""
     broke = [finding for finding in ordered if finding.id in _ENDING and finding.notable]
     if story and story[-1].id in _ENDING:
         broke += [finding for finding in story if finding.id in ("control-lost", "lift-lost", "yaw-lost")]
@@ -172,26 +162,32 @@ def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...
 
 
 def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]:
+    """Part the log into the ground before, the flight, the fall of a craft that crashed, and the ground after."""
     flight, belongs = readings.flight, readings.belongs
     fall = next((finding.t for finding in story if finding.id in ("control-lost", "lift-lost")), None)
     crashed = any(finding.id == "crash" for finding in story)
     down = fall if crashed and fall is not None and flight.start < fall < flight.stop else flight.stop
-    phases = [Phase(PhaseKind.GROUND, _end(belongs.start), flight.start), Phase(PhaseKind.FLIGHT, flight.start, down)]
+    phases = [
+        Phase(PhaseKind.GROUND, _logged(belongs.start), flight.start),
+        Phase(PhaseKind.FLIGHT, flight.start, down),
+    ]
     if down < flight.stop:
         phases.append(Phase(PhaseKind.FALL, down, flight.stop))
-    return (*phases, Phase(PhaseKind.GROUND, flight.stop, _end(belongs.stop)))
+    return (*phases, Phase(PhaseKind.GROUND, flight.stop, _logged(belongs.stop)))
 
 
-def _end(t: float) -> float | None:
-    return t if math.isfinite(t) else None
+def _logged(t: float) -> float | None:
+    """Return a time; None for the open beginning or end of the log."""
+    return t if isfinite(t) else None
 
 
-def _on_the_ground(noted: tuple[Finding, ...], *, other: bool, high: bool) -> str:
+def _on_the_ground(happenings: tuple[Finding, ...], *, other: bool, height_known: bool) -> str:
+    """Write the headline of a log without a flight, with what the autopilot reported last."""
     shown = (
         "The craft is no multirotor: its flights are not told"
         if other
-        else f"The log shows {'no flight' if high else 'no height: whether the craft flew is not known'}"
+        else f"The log shows {'no flight' if height_known else 'no height: whether the craft flew is not known'}"
     )
-    last = max(noted, key=lambda finding: finding.t or 0.0, default=None)
-    said = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
-    return f"{shown}.{said}"
+    last = max(happenings, key=lambda finding: finding.t or 0.0, default=None)
+    report = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
+    return f"{shown}.{report}"

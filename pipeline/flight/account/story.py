@@ -9,15 +9,15 @@ from core.quantity import duration, number
 from pipeline.results.account import GRAVITY, Reading, gravity
 from pipeline.results.span import Span
 
-#: What comes of something else: of these a cause is looked for.
+#: Consequences, of which a cause is looked for.
 _CONSEQUENCES = frozenset(("crash", "hard-landing", "throttle-runaway", "control-lost", "lift-lost"))
-#: What leads to something else.
+#: What may cause them.
 _CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "gps-lost", "gps-glitch", "autopilot-error"}
-#: What is to be known, and no story by itself unless it is an error: what came to nothing, or was so from the start.
+#: What is no story by itself unless it is an error: it had no consequence, or was so from the start.
 _REMARKS = frozenset(("height-estimate-wrong", "vibration", "gps-glitch", "autopilot-error"))
-#: A boot clock beyond this [s] is no clock that a reader can follow; times are then since take-off only.
+#: A boot clock beyond this [s] is hard to read; times are then since take-off only.
 _READABLE = 36_000.0
-#: Time [s] between the end of one happening and the beginning of another that it led to.
+#: Longest time [s] between the end of a cause and the beginning of what it led to.
 _LED_TO = 3.0
 
 
@@ -44,7 +44,7 @@ def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
         ]
         if not before:
             break
-        # The first of the severest, for it began what followed; of the same moment the graver.
+        # The first of the most severe, since it began what followed; of two at once the graver.
         chain.insert(
             0, min(before, key=lambda finding: (WORST_FIRST.index(finding.severity), finding.t, gravity(finding)))
         )
@@ -56,38 +56,33 @@ def _is_remark(happening: Finding) -> bool:
 
 
 def _leads(cause: Finding, effect: Finding) -> bool:
-    assert cause.t is not None
-    assert effect.t is not None
-    return (
-        cause is not effect
-        and cause.t < effect.t
-        and effect.t - (cause.end if cause.end is not None else cause.t) <= _LED_TO
-    )
+    if cause.t is None or effect.t is None or cause.t >= effect.t:
+        return False
+    return effect.t - (cause.t if cause.end is None else cause.end) <= _LED_TO
 
 
 def _clock(t: float, flight: Span | None) -> str:
     """Write a time since take-off, and on the log's clock: ``2:06 of flight (368.6 s)``."""
-    on_log = f"{t:.1f} s"
     if flight is None or t < flight.start:
-        return on_log
-    since = _since(t, flight)
-    return since if t > _READABLE else f"{since} ({on_log})"
+        return f"{t:.1f} s"
+    since = _since_takeoff(t, flight)
+    return since if t > _READABLE else f"{since} ({t:.1f} s)"
 
 
 def _short_clock(t: float, flight: Span | None) -> str:
-    """Write a time for the second clause of a sentence: on the log's clock alone where that can be read."""
-    return f"{t:.1f} s" if t <= _READABLE or flight is None else _since(t, flight)
+    """Write a time for the second clause of a sentence: on the log's clock alone where that is readable."""
+    return f"{t:.1f} s" if t <= _READABLE or flight is None else _since_takeoff(t, flight)
 
 
-def _since(t: float, flight: Span) -> str:
+def _since_takeoff(t: float, flight: Span) -> str:
     minutes, seconds = divmod(round(t - flight.start), 60)
     return f"{minutes}:{seconds:02d} of flight"
 
 
 def _clause(sentence: str) -> str:
-    """Turn a sentence into a clause: a small first letter, unless a name or a number begins it, and no full stop.
+    """Turn a sentence into a clause: a small first letter unless it begins with a name or number, and no full stop.
 
-    The evidence, which stands behind a colon, is left to the table below.
+    The evidence after a colon is left to the table below.
     """
     text = sentence.strip().partition(": ")[0].rstrip(".")
     first = text.split(" ", 1)[0]
@@ -95,7 +90,7 @@ def _clause(sentence: str) -> str:
 
 
 def headline(story: Sequence[Finding], flight: Span | None) -> str:
-    """Write the story in one sentence: the cause with its time, then what came of it."""
+    """Write the story in one sentence: the cause with its time, then its consequences."""
     if not story:
         return ""
     first, *rest = story
@@ -108,7 +103,7 @@ def headline(story: Sequence[Finding], flight: Span | None) -> str:
 def uneventful(
     flight: Span, height: Reading | None, distance: Reading | None, ground_speed: Reading | None, *, seen: bool
 ) -> str:
-    """Write that nothing happened: how long, how high, how far, how fast; `seen` is whether a crash would show."""
+    """Write that nothing happened: how long, how high, how far, how fast; `seen` tells whether a crash would show."""
     parts = [
         f"{'Nothing happened in' if seen else 'What happened is not logged:'} {duration(flight.duration)} of flight"
     ]
