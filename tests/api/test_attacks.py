@@ -24,8 +24,7 @@ from api.store.scratch import Incoming
 from api.work.queue import Queue
 from pipeline.storage.store import ObjectStore, open_store
 from tests.api.conftest import Upload, served
-from tests.api.programs import Service, descendants, wait_until
-from tests.api.visits import ordered
+from tests.api.programs import wait_until
 
 
 @pytest.mark.parametrize(
@@ -52,25 +51,6 @@ def test_a_crafted_backup_writes_nothing_outside_the_storage(name: str, tmp_path
         backup.restore(settings, source)
     storage = settings.data / "objects"
     assert [path for path in tmp_path.rglob("stolen") if not path.is_relative_to(storage)] == []
-
-
-def test_processes_end_with_a_server_that_was_killed(tmp_path: Path) -> None:
-    with closing(Service(tmp_path)) as service:
-        log, _ = ordered(service.client, f"until |{tmp_path / 'never'}|".encode())
-        assert service.client.get(f"/api/v1/logs/{log}/messages").status_code == 422  # by the process that answers
-        wait_until(lambda: bool(service.workers()))
-        left = descendants(service.process.pid)
-        assert len(left) == 4  # with the one that they are forked from, and Python's own
-        service.kill()
-        wait_until(lambda: not any(is_alive(pid) for pid in left))
-
-
-def is_alive(pid: int) -> bool:
-    """Return whether a process runs: not one that only waits to be buried."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 @pytest.fixture

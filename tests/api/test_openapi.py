@@ -40,15 +40,6 @@ def test_the_document_is_valid(document: dict[str, Any]) -> None:
     pytest.importorskip("openapi_spec_validator").validate(document)
 
 
-def test_every_operation_and_parameter_is_described(document: dict[str, Any]) -> None:
-    for path, operations in document["paths"].items():
-        for operation in operations.values():
-            assert operation["summary"], path
-            assert operation["description"], path
-            for parameter in operation.get("parameters", []):
-                assert "description" in parameter, (path, parameter["name"])
-
-
 def test_a_generated_client_asks_a_running_service(
     service: httpx.Client, document: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -104,7 +95,7 @@ def test_nothing_breaks_and_everything_is_as_documented(
         operation = result.ok()
 
         @settings(
-            max_examples=6,
+            max_examples=3,
             derandomize=True,
             database=None,
             deadline=None,

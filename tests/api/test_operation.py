@@ -5,9 +5,7 @@ import json
 import logging
 import os
 import re
-import socket
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
@@ -21,7 +19,7 @@ from api.log_lines import HideSecrets, JsonLines
 from api.server import serve
 from api.store.database import Database
 from tests.api.conftest import Upload, served, unfinished
-from tests.api.programs import PATIENCE, wait_until
+from tests.api.programs import wait_until
 from tests.paths import ROOT
 
 MANUAL = ROOT / "docs" / "service.md"
@@ -188,21 +186,3 @@ def test_lines_for_programs_are_json_and_keep_secrets() -> None:
     assert (event["level"], event["message"]) == ("info", "it failed\nbadly")
     assert "ValueError: because" in str(event["exception"])
     assert datetime.fromisoformat(str(event["time"])).tzinfo is not None
-
-
-@pytest.mark.slow
-def test_a_service_writes_json_lines_when_asked(tmp_path: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        result = subprocess.run(
-            [sys.executable, "-c", f"import api; api.serve(port={taken.getsockname()[1]})"],
-            env=os.environ | {"ROTORID_DATA": str(tmp_path), "ROTORID_LOG_FORMAT": "json"},
-            cwd=ROOT,
-            capture_output=True,
-            text=True,
-            timeout=PATIENCE,
-            check=False,
-        )
-    assert result.returncode != 0
-    messages = [json.loads(line)["message"] for line in result.stderr.splitlines()]
-    assert any("kept in" in message for message in messages)
-    assert any("address already in use" in message for message in messages)

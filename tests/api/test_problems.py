@@ -1,7 +1,6 @@
 """Every error has one shape, and every answer the safe headers."""
 
 from collections.abc import Callable
-from typing import Any
 
 import httpx
 import pytest
@@ -45,26 +44,15 @@ def test_an_invalid_request_is_told_what_and_where(service: httpx.Client) -> Non
     assert [error["where"] for error in errors] == ["body: log", "body: poles"]
 
 
-@pytest.mark.parametrize(
-    ("request_of", "where"),
-    [
-        ({"params": {"day": 2}}, "query: day"),
-        ({"json": {"days": 2}}, "body"),  # days stand in the query
-        ({"json": {"days": 2}, "params": {"days": 2}}, "body"),
-    ],
-)
 def test_a_setting_that_is_not_known_is_refused_and_no_link_made_that_never_ends(
-    service: httpx.Client, upload: Callable[..., httpx.Response], request_of: dict[str, Any], where: str
+    service: httpx.Client, upload: Callable[..., httpx.Response]
 ) -> None:
     analysis = upload(service, b"good log").json()["id"]
-    answer = service.post(f"/api/v1/analyses/{analysis}/shares", **request_of)
-    assert answer.status_code == 422
-    assert [error["where"] for error in answer.json()["errors"]] == [where]
-
-
-def test_an_analysis_of_an_unknown_log_is_refused(service: httpx.Client) -> None:
-    response = service.post("/api/v1/analyses", json={"log": NOBODY})
-    assert (response.status_code, response.json()["detail"]) == (422, "There is no log with the id " + NOBODY + ".")
+    days = {"days": 2}  # which stand in the query
+    for asked, where in (({"params": {"day": 2}}, "query: day"), ({"json": days, "params": days}, "body")):
+        answer = service.post(f"/api/v1/analyses/{analysis}/shares", **asked)
+        assert answer.status_code == 422
+        assert [error["where"] for error in answer.json()["errors"]] == [where]
 
 
 def test_ranges_of_a_result(service: httpx.Client, upload: Callable[..., httpx.Response]) -> None:

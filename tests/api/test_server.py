@@ -24,20 +24,17 @@ ROTORID = Path(sys.executable).with_name("rotorid")
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    port = free_port()
-    environment = os.environ | {"ROTORID_DATA": str(tmp_path_factory.mktemp("data"))}
-    process = subprocess.Popen(
-        [ROTORID, "serve", "--host", "127.0.0.1", "--port", str(port)],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    """Run the service; what it wrote must be lines of JSON, as it was asked for, without a traceback."""
+    port, folder = free_port(), tmp_path_factory.mktemp("server")
+    environment = os.environ | {"ROTORID_DATA": str(folder / "data"), "ROTORID_LOG_FORMAT": "json"}
+    command = [ROTORID, "serve", "--host", "127.0.0.1", "--port", str(port)]
+    with (folder / "written").open("w") as written:
+        process = subprocess.Popen(command, env=environment, stderr=written)
     try:
         with httpx.Client(base_url=f"http://127.0.0.1:{port}", timeout=1000.0) as client:
 
             def answers() -> bool:
-                assert process.poll() is None, process.stdout and process.stdout.read()
+                assert process.poll() is None, (folder / "written").read_text()
                 with suppress(httpx.ConnectError):
                     return client.get("/healthz").is_success
                 return False
@@ -45,8 +42,10 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
             wait_until(answers)
             yield client
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=PATIENCE)
-        assert "Traceback" not in output
+        process.wait(timeout=PATIENCE)
+        lines = [json.loads(line) for line in (folder / "written").read_text().splitlines()]
+        assert any("kept in" in line["message"] for line in lines)
+        assert not [line for line in lines if "exception" in line]
     finally:
         process.kill()
 

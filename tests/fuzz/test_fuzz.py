@@ -4,26 +4,24 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from tests.forms import short_and_whole
 from tests.fuzz.__main__ import main
 from tests.fuzz.mutations import mutate
 from tests.fuzz.reading import read_whole
 from tests.fuzz.seeds import seeds
 from tests.fuzz.spans import count, wound
 
-#: Mutations of each format, and four times as many in the whole form; `python -m tests.fuzz 100000` does more.
+#: Mutations of each format, always the same; `python -m tests.fuzz 100000` looks for new ones.
 COUNT = 20
 
 _HEAD = "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"
 _GPS = "FMT, 3, 50, GPS, QBIHB, TimeUS,Status,GMS,GWk,NSats\n"
 
 
-@pytest.mark.parametrize("mutations", short_and_whole(COUNT, 4 * COUNT))
 @pytest.mark.parametrize("ending", ["bin", "log", "tlog", "ulg"])
 @pytest.mark.filterwarnings("error")
-def test_mutations_end_in_an_error_for_people_or_are_read(ending, mutations, tmp_path):
+def test_mutations_end_in_an_error_for_people_or_are_read(ending, tmp_path):
     path = tmp_path / f"mutated.{ending}"
-    for seed in range(mutations):
+    for seed in range(COUNT):
         rng = np.random.default_rng((seed, len(ending)))
         path.write_bytes(mutate(seeds()[ending], rng, text=ending == "log"))
         read_whole(path)
@@ -35,7 +33,7 @@ def test_a_wound_costs_the_messages_that_lay_in_it_and_no_others(ending, tmp_pat
     whole = seeds()[ending]
     path.write_bytes(whole)
     before = count(read_log(path))
-    for seed in range(COUNT):
+    for seed in range(COUNT // 2):
         damaged, hit = wound(whole, ending, np.random.default_rng((seed, len(ending))))
         path.write_bytes(damaged)
         assert 0 <= before - count(read_log(path)) <= hit
