@@ -82,7 +82,6 @@ _LENGTHY = _modules("""
     api: access analyses attacks confinement crafts database ends hooks hostile openapi operation pages problems
         server
     core: compiled
-    docs: findings
     estimation: estimate filter further_sensors heights robustness
     fuzz: fuzz
     logparse: dataflash_damage dataflash_edges dataflash_fidelity export frames hostile inspection

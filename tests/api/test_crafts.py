@@ -41,6 +41,9 @@ def test_uploads_find_their_craft_and_joint_models_follow(service: httpx.Client)
         assert service.get(path).status_code == 200, path
     names = [flight["name"] for flight in service.get(f"/api/v1/crafts/{craft['id']}/flights").json()]
     assert names == ["flight2", "flight1", "flight0"]
+    one = service.get(f"/api/v1/crafts/{craft['id']}/flights").json()[0]["analysis"]
+    assert f'href="/crafts/{craft["id"]}"' in service.get(f"/analyses/{one}").text
+    assert f'href="/analyses/{one}"' in service.get(craft["links"]["page"]).text
     # A fourth flight enters the means, and leaves the joint models as they are.
     fly(service, "flight3.bin", flights.log(3))
     later = settled(service, craft["id"])
@@ -109,17 +112,6 @@ def test_flights_analysed_together_have_their_models_and_gains_under_the_stable_
     here = f"{only_craft(service)['links']['self']}/model"
     gains = service.get(f"{here}/proposed.param")
     assert (gains.text, gains.headers["Rotorid-Analysis"]) == ("ATC_RAT_RLL_P,0.12", ordered["id"])
-
-
-def test_an_unhealthy_flight_is_an_alert_with_the_sentence_of_its_report(service: httpx.Client) -> None:
-    fly(service, "crash.bin", flights.log(0, word="motor fault", text="At 12 s motor 1 lost 32 ± 3 % of its thrust."))
-    craft = settled(service, only_craft(service)["id"])
-    assert [(event["kind"], event["text"]) for event in craft["recent"]] == [
-        ("flight-unhealthy", "crash: motor fault. At 12 s motor 1 lost 32 ± 3 % of its thrust.")
-    ]
-    (analysis,) = service.get("/api/v1/analyses").json()["items"]
-    assert f'href="/crafts/{craft["id"]}"' in service.get(analysis["links"]["page"]).text
-    assert f'href="/analyses/{analysis["id"]}"' in service.get(craft["links"]["page"]).text
 
 
 def test_a_board_that_was_moved_is_split_and_merged_by_its_owner(service: httpx.Client) -> None:

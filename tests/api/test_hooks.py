@@ -105,7 +105,7 @@ def test_an_alert_is_sent_signed_until_it_is_taken(
     monkeypatch.setattr(hooks, "LOOK_EVERY", 3600.0)  # the test looks itself
     with served(data=tmp_path, workers=1, webhooks=Webhooks.ANY, analyze=flights.analyze) as client:
         made = client.post("/api/v1/hooks", json={"url": receiver}).json()
-        fly(client, "crash.bin", flights.log(0, word="no"))
+        fly(client, "crash.bin", flights.log(0, word="motor fault", text="Motor 1 lost 32 ± 3 % of its thrust."))
         craft = settled(client, only_craft(client)["id"])
         now = datetime.now(UTC) + timedelta(seconds=1)
         for tries in range(3):
@@ -119,6 +119,7 @@ def test_an_alert_is_sent_signed_until_it_is_taken(
         assert head["Rotorid-Signature"] == f"sha256={signature}"
         sent = json.loads(body)
         assert (sent["kind"], sent["craft"]["id"]) == ("flight-unhealthy", craft["id"])
+        assert sent["text"] == "crash: motor fault. Motor 1 lost 32 ± 3 % of its thrust."
         (hook,) = client.get("/api/v1/hooks").json()
         assert hook["state"].endswith("delivered")
         assert "secret" not in hook

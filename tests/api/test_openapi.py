@@ -1,14 +1,6 @@
 """What the OpenAPI document promises holds for whatever requests can be made of it."""
 
-import importlib
-import json
-import os
-import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
-from http import HTTPStatus
-from pathlib import Path
 from typing import Any
 
 import httpx
@@ -19,7 +11,6 @@ from api import Settings
 from tests.api import flights
 from tests.api.conftest import Upload, served
 from tests.api.programs import PATIENCE
-from tests.api.visits import fly
 
 
 @pytest.fixture(scope="module")
@@ -36,33 +27,10 @@ def document(service: httpx.Client) -> dict[str, Any]:
     return answer
 
 
-def test_the_document_is_valid(document: dict[str, Any]) -> None:
+def test_the_document_is_valid_and_no_two_types_have_one_name(document: dict[str, Any]) -> None:
+    """Two types of one name, which FastAPI tells apart by their modules, once cost a generated client an answer."""
     pytest.importorskip("openapi_spec_validator").validate(document)
-
-
-def test_a_generated_client_asks_a_running_service(
-    service: httpx.Client, document: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As docs/service.md has it; two types of one name once cost the client an answer."""
-    beside = str(Path(sys.prefix) / "client" / "bin")
-    program = shutil.which("openapi-python-client", path=f"{beside}:{os.environ['PATH']}")
-    if program is None:
-        pytest.skip("openapi-python-client is not installed")
-    (tmp_path / "openapi.json").write_text(json.dumps(document))
-    (tmp_path / "config.json").write_text('{"post_hooks": []}')
-    order = [program, "generate", "--path", "openapi.json", "--config", "config.json", "--output-path", "client"]
-    said = subprocess.run(order, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "WARNING" not in said.stdout + said.stderr
-    fly(service, "client.bin", flights.log(0, craft="client"))
-    monkeypatch.syspath_prepend(str(tmp_path / "client"))
-    generated = importlib.import_module("rotorid_client")
-    list_crafts = importlib.import_module("rotorid_client.api.craft.list_crafts_api_v1_crafts_get")
-    show_flights = importlib.import_module("rotorid_client.api.craft.list_flights_api_v1_crafts_craft_id_flights_get")
-    with generated.Client(base_url=str(service.base_url), raise_on_unexpected_status=True) as client:
-        crafts = list_crafts.sync(client=client).items
-        craft_of = {flight.name: craft for craft in crafts for flight in show_flights.sync(craft.id, client=client)}
-        assert craft_of["client"].health == "yes"
-        assert show_flights.sync_detailed("0" * 32, client=client).status_code == HTTPStatus.NOT_FOUND
+    assert not [name for name in document["components"]["schemas"] if "__" in name]
 
 
 @pytest.mark.slow
@@ -73,9 +41,8 @@ def test_nothing_breaks_and_everything_is_as_documented(
     import schemathesis  # here, for every worker reads this file and one of them runs this test
     from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-    before = {craft["id"] for craft in service.get("/api/v1/crafts").json()["items"]}  # what another test flew
     done = upload(service, flights.log(0, trust="yes")).json()
-    (craft,) = [craft for craft in service.get("/api/v1/crafts").json()["items"] if craft["id"] not in before]
+    (craft,) = service.get("/api/v1/crafts").json()["items"]
     note = service.post(f"{craft['links']['self']}/notes", json={"text": "new ESC"}).json()
     hook = service.post("/api/v1/hooks", json={"url": "https://ops.example.org/"}).json()
     shared = service.post(f"/api/v1/analyses/{done['id']}/shares").json()["api"].rpartition("/")[2]

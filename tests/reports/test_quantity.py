@@ -11,10 +11,8 @@ from core.quantity import (
     alike,
     column,
     complex_numbers,
-    duration,
     number,
     per_degree,
-    size,
     uncertain,
     with_unit,
 )
@@ -70,11 +68,6 @@ def test_conjugate_poles_are_written_once():
     assert complex_numbers(pairs, [0.02, 0.02, None]) == [("−0.21 ± 0.45 i", True), ("−3", False)]
 
 
-def test_spans_and_sizes():
-    assert [duration(s) for s in (9.44, 48.2, 125.0, 3725.0)] == ["9.4 s", "48 s", "2 min 05 s", "1 h 02 min"]
-    assert [size(n) for n in (12, 16_384, 3_095_199)] == ["1 kB", "16 kB", "3.1 MB"]
-
-
 @pytest.mark.parametrize(
     ("values", "texts"),
     [
@@ -87,29 +80,15 @@ def test_numbers_of_one_quantity_have_the_same_decimals(values, texts):
     assert alike(values) == texts
 
 
-def test_angles_are_read_in_degrees_but_not_accelerations():
+def test_angles_are_read_in_degrees_but_not_accelerations_and_pure_numbers_have_no_unit():
     assert per_degree("rad/s") == (pytest.approx(180.0 / math.pi), "°/s")
     assert per_degree("rad/s^2 per unit") == (1.0, "rad/s² per unit")
-
-
-@pytest.mark.parametrize(
-    ("unit", "text"),
-    [
-        ("m/s^2, one motor at full command", "k (m/s²)"),
-        ("1 (MOT_THST_EXPO)", "k"),
-        ("rad/s² per unit", "k (rad/s² per unit)"),
-    ],
-)
-def test_pure_numbers_have_no_unit(unit, text):
-    assert with_unit("k", per_degree(unit)[1]) == text
+    for unit, text in (("m/s^2, one motor at full command", "k (m/s²)"), ("1 (MOT_THST_EXPO)", "k")):
+        assert with_unit("k", per_degree(unit)[1]) == text
 
 
 def text_of(markup) -> str:
     return re.sub(r"\s+", "", "".join(ElementTree.fromstring(str(markup)).itertext()))
-
-
-def test_polynomial_reads_as_on_paper():
-    assert text_of(polynomial([0.03763, -0.002489, 0.0, 1.0])) == "0.03763s3−0.002489s2+1.000"
 
 
 def test_coefficients_that_the_data_do_not_determine_are_marked():
