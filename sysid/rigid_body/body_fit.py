@@ -26,8 +26,8 @@ from sysid.rigid_body.body_parameters import (
 from sysid.rigid_body.filter_error import FilterErrorFit, Prior, fit_best_law
 from sysid.rigid_body.model import RigidBodyModel
 from sysid.rigid_body.model_record import FlightTrim
-from sysid.rigid_body.rotation import RotationFit, TorqueCurve, fit_rotation
-from sysid.rigid_body.systematic import with_shared_errors
+from sysid.rigid_body.rotation import RotationFit, fit_rotation
+from sysid.rigid_body.systematic import EXPO, with_shared_errors
 from sysid.rigid_body.trim import left_open, trim_prior, whole_trim
 from sysid.rotors.thrust_regression import conditions_of, mass_unknown, outputs_of
 from sysid.transfer_functions.search import Progress
@@ -118,10 +118,8 @@ def fit_rigid_body(
         fine, trims = _at_level(fine, trims)
     rmse = _window_error(motions, fine.values[:SHARED], trims, law)
     report("rotation", 0.8)
-    place = THETA.index("thrust_expo")
-    curved = TorqueCurve.of(vehicle, float(fine.values[place]), float(fine.covariance[place, place]))
-    turning = _rotation(records, vehicle, voltage, curved.expo)
-    parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning, curved)
+    turning = _rotation(records, vehicle, voltage, float(fine.values[EXPO]))
+    parameters, covariance, estimated = judge_parameters(fine, prior, records, vehicle, voltage, turning)
     findings += other_curve(fine, vehicle)
     findings += undetermined(parameters) + drag_apart(parameters, motions, fine, covariance)
     report("fitted", 1.0)
@@ -148,7 +146,7 @@ def fit_rigid_body(
         rmse=rmse,
         training=tuple(record.name for record in records),
         findings=tuple(findings),
-        contradicted=abs(float(fine.halfway[place])),
+        contradicted=abs(float(fine.halfway[EXPO])),
     )
 
 

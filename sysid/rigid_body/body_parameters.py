@@ -23,7 +23,6 @@ from sysid.rigid_body.rotation import (
     UNDAMPED,
     AxisFit,
     RotationFit,
-    TorqueCurve,
     centre_of_gravity,
 )
 from sysid.rigid_body.systematic import EXPO, usual_speed
@@ -76,7 +75,6 @@ def judge_parameters(
     vehicle: Vehicle,
     voltage: float | None,
     turning: RotationFit | None,
-    curved: TorqueCurve,
 ) -> tuple[dict[str, BodyParameter], Floats, tuple[str, ...]]:
     """Judge every parameter; return them with the covariance, and the names, of those that were estimated."""
     result: dict[str, BodyParameter] = {}
@@ -105,7 +103,7 @@ def judge_parameters(
     covariance = np.zeros((size, size))
     covariance[:SHARED, :SHARED] = known
     if turning is not None:
-        numbers = _rotational(turning, records, vehicle, voltage, curved)
+        numbers = _rotational(turning, records, vehicle, voltage, fine)
     else:
         why = "the log does not tell which motor sits where" if not vehicle.motors else "the flight is too short"
         numbers = dict.fromkeys(ROTATION_UNITS, _Stated(0.0, np.inf, "not all motors are logged" if unlogged else why))
@@ -116,7 +114,7 @@ def judge_parameters(
         covariance[k, k] = spread**2 if np.isfinite(spread) else 0.0
         if turning is not None and name.endswith("_gain"):
             # A steeper curve at the command flown makes a gain smaller by as much.
-            with_curve = value * turning.per_expo * curved.part * fine.covariance[EXPO, :SHARED]
+            with_curve = value * turning.per_expo * fine.covariance[EXPO, :SHARED]
             covariance[k, :SHARED] = covariance[:SHARED, k] = with_curve
     if turning is not None:
         result["motor_lag"] = held_against_torque(result["motor_lag"], turning)
@@ -131,12 +129,13 @@ class _Stated(NamedTuple):
 
 
 def _rotational(
-    turning: RotationFit, records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, curved: TorqueCurve
+    turning: RotationFit, records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, fine: FilterErrorFit
 ) -> dict[str, _Stated]:
     """Name what turns the craft, with all that makes it err."""
+    expo, expo_sigma = float(fine.values[EXPO]), float(np.sqrt(max(fine.covariance[EXPO, EXPO], 0.0)))
     air, stated = shared_air(records), dict[str, _Stated]()
     for axis, fit in turning.axes.items():
-        error = gain_error(axis, fit, turning.rate, turning.per_expo * curved.sigma)
+        error = gain_error(axis, fit, turning.rate, turning.per_expo * expo_sigma)
         reason = rotation_doubt(axis, fit, turning.source) or _doubt(f"{axis}_gain", fit.gain, error)
         stated[f"{axis}_gain"] = _Stated(fit.gain, error, reason, air * abs(fit.gain))
         stated[f"{axis}_damping"] = _Stated(fit.damping, _damping_sigma(axis, fit), reason)
@@ -149,7 +148,7 @@ def _rotational(
     stated["yaw_lead"] = _Stated(yaw.lead, yaw.lead_sigma, stated["yaw_gain"].reason)
     constant = constant_motors(records)
     why = f"the output of {', '.join(constant)} is constant: its thrust, which the offset rests on, is not known"
-    places = centre_of_gravity(records, vehicle, voltage, curved)
+    places = centre_of_gravity(records, vehicle, voltage, expo, expo_sigma)
     for name, (value, spread) in zip(("cg_x", "cg_y"), places, strict=True):
         stated[name] = _Stated(value, spread, why if constant else "")
     return stated

@@ -345,9 +345,8 @@ def _expo_sigma(expo: float, body: RigidBodyModel | None) -> float:
     if body is None:
         return EXPO_SIGMA
     place = body.estimated.index("thrust_expo")
-    shown = max(float(np.sqrt(body.covariance[place, place])), 1e-9)
-    part = min((EXPO_SIGMA / shown) ** 2, 1.0)
-    return float(np.hypot(min(shown, EXPO_SIGMA), part * (body.value("thrust_expo") - expo)))
+    shown = min(float(np.sqrt(body.covariance[place, place])), EXPO_SIGMA)
+    return float(np.hypot(shown, body.value("thrust_expo") - expo))
 
 
 def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:

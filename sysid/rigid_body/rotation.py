@@ -11,7 +11,7 @@ controller are logged together with the rates, fast; motor outputs are often log
 and then show attitude control only in aliases. What one unit of output means in thrust is read off the log: the motors'
 total thrust command over the controller's thrust output, which includes whatever the firmware does about voltage and
 density. The controller's outputs become commands by the curve in the parameters; what commands do goes by the curve
-that the flight shows (`TorqueCurve`), whose slope about the command flown is what turns the craft.
+that the flight shows, whose slope about the command flown is what turns the craft.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import scipy
 
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
-from sysid.records.motor_scaling import EXPO_SIGMA, curve_slope, motor_commands
+from sysid.records.motor_scaling import curve_slope, motor_commands
 from sysid.records.motor_signals import LEAST_SLOPE, MOTOR_OUTPUTS, SCALE_SECONDS, motor_geometry, motor_signals
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, thrust_signals
@@ -83,23 +83,8 @@ class RotationFit:
     per_expo: float = 0.0  #: Relative change of the gains with the curvature of the torque commands.
 
 
-@dataclass(frozen=True, slots=True)
-class TorqueCurve:
-    """The thrust curve by which commands turn the craft: that of the flight, as far as it is surer than that set."""
-
-    expo: float
-    sigma: float
-    part: float  #: Weight of the flight's curve in it, 0 to 1.
-
-    @classmethod
-    def of(cls, vehicle: Vehicle, expo: float, variance: float) -> TorqueCurve:
-        """Weigh the curve of a fit against that of the parameters, which is `EXPO_SIGMA` uncertain."""
-        part = EXPO_SIGMA**2 / (EXPO_SIGMA**2 + variance)
-        return cls(part * expo + (1.0 - part) * vehicle.thrust_expo, float(np.sqrt(part * variance)), part)
-
-
 def centre_of_gravity(
-    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, curve: TorqueCurve
+    records: Sequence[Experiment], vehicle: Vehicle, voltage: float | None, expo: float, expo_sigma: float
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Offset of the centre of gravity from the motors' centre, forward and right, each with its sigma, in arms.
 
@@ -107,11 +92,11 @@ def centre_of_gravity(
     that pull unequally show in the same way. An offset is as uncertain as the slope of the curve by which its commands
     are thrust.
     """
-    values = _balances(records, vehicle, voltage, curve.expo)
+    values = _balances(records, vehicle, voltage, expo)
     if len(values) < 4:
         return (0.0, np.inf), (0.0, np.inf)
     mean = values.mean(axis=0)
-    bent = _balances(records, vehicle, voltage, curve.expo + curve.sigma).mean(axis=0) - mean
+    bent = _balances(records, vehicle, voltage, expo + expo_sigma).mean(axis=0) - mean
     # The spread of few values is itself not known well: errors in its units are Student's.
     few = np.sqrt((len(values) - 1) / (len(values) - 3) / len(values))
     x, y = zip(mean.tolist(), np.hypot(few * values.std(axis=0, ddof=1), bent).tolist(), strict=True)
