@@ -1,8 +1,8 @@
 """`tune`: gains that reject disturbances best within margins that hold for everything the data leave possible.
 
-The rejection of disturbances, its bandwidth first and then rms attitude under gusts, is made best over P, D, I and the
+The rejection of disturbances, first its bandwidth and then rms attitude under gusts, is maximised over P, D, I and the
 filters of derivative and gyro, subject to gain margin, phase margin and peak sensitivity at the worst of the 95 % set,
-to the noise at the actuators, and to a change of no more than a factor of two. Without the evidence (`evidence`) there
+to the noise at the actuators, and to changes by at most a factor of two. Without the evidence (`evidence`) the result
 is a reason and no number.
 """
 
@@ -56,8 +56,11 @@ from sysid.loops.search import (
 from sysid.loops.settings import read_settings
 from sysid.loops.unseen import UNSEEN_RAISED, saw_modes, unseen_mode
 
-#: Largest part of P that I may be asked to be.
+#: Largest I that may be asked for, as a part of P.
 _LARGEST_I = 3.0
+
+#: Factors by which the gyro's filter is raised, in the order in which they are tried.
+_GYRO_FACTORS = (1.25, 1.5, 2.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -108,7 +111,7 @@ class Tuning(Summarised):
         return self._file("as flown: load this to go back", self.rollback, reasons)
 
     def reasons(self) -> dict[str, str]:
-        """Return of each proposed parameter what its axis keeps with all that are proposed."""
+        """Return for each proposed parameter the margins that its axis keeps with the whole proposal."""
         kept = {AXES[axis.axis]: f"{axis.axis}: {axis.promise}" for axis in self.axes if axis.tuned is not None}
         axes = {name: next((part for part in name.split("_") if part in kept), "") for name in self.proposed}
         return {name: kept.get(axis, "serves all axes") for name, axis in axes.items()}
@@ -173,18 +176,7 @@ def _tuned(
     def refuse(reason: str, axes: tuple[AxisTuning, ...] = ()) -> Tuning:
         return Tuning(names, aim, {}, {}, {}, reason, axes, (), made)
 
-    if not flights:
-        return refuse("no log was given")
-    for log in flights:
-        try:
-            read_settings(log, "roll")
-            reason = _unfit(log, known)
-        except RotoridError as error:
-            reason = str(error)
-        reason = reason or other_craft(flights[0], log) or other_load(flights[0], log)
-        if reason is not None:
-            return refuse(reason)
-    reason = other_settings(flights)
+    reason = _refusal(flights, known)
     if reason is not None:
         return refuse(reason)
     signals = [LogSignals(log) for log in flights]  # read once for all axes
@@ -192,15 +184,10 @@ def _tuned(
     loops = {item.axis: item.loop for item in tunings if item.loop is not None and item.refused is None}
     if not loops:
         return refuse(_reasons(tunings), tuple(tunings))
-    closed = _gyro_filter_stays(flights, tunings)
+    filter_stays = _gyro_filter_stays(flights, tunings)
     staying = [item.loop for item in tunings if item.axis not in loops and item.loop is not None]
-    options = [f for f in (1.0, 1.25, 1.5, 2.0) if f == 1.0 or (closed is None and others_keep(staying, f))]
-    best = {axis: tune_axis(loop, aim, 1.0, i_term) for axis, loop in loops.items()}
-    for factor in options[1:]:
-        tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}
-        if any(item.tuned is None for item in tuned.values()) or worth_of(tuned) <= worth_of(best):
-            break
-        best = tuned
+    factors = [factor for factor in _GYRO_FACTORS if filter_stays is None and others_keep(staying, factor)]
+    best = _best(loops, aim, i_term, factors)
     axes = tuple(_with_sheets(best.get(item.axis, item), size) for item in tunings)
     proposed = _proposed(axes)
     during = {name: value for loop in loops.values() for name, value in loop.flown.parameters().items()}
@@ -214,8 +201,8 @@ def _tuned(
             "MOT_BAT_VOLT_MAX is 0: the margins are those of the battery as it was during the chirps; a fuller one "
             "raises the gain of the loops by twice as many per cent as its voltage"
         )
-    if closed is not None:
-        remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {closed}")
+    if filter_stays is not None:
+        remarks.append(f"INS_GYRO_FILTER stays: it serves all axes, and {filter_stays}")
     if not proposed:
         return refuse(_reasons(axes), axes)
     kept = _changed_later(flights, axes)
@@ -227,10 +214,39 @@ def _tuned(
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
+def _refusal(flights: Sequence[FlightLog], known: KnownLoops | None) -> str | None:
+    """Return why nothing can be proposed from these flights together, before their loops are identified."""
+    if not flights:
+        return "no log was given"
+    for log in flights:
+        try:
+            read_settings(log, "roll")
+            reason = _unfit(log, known)
+        except RotoridError as error:
+            reason = str(error)
+        reason = reason or other_craft(flights[0], log) or other_load(flights[0], log)
+        if reason is not None:
+            return reason
+    return other_settings(flights)
+
+
+def _best(
+    loops: Mapping[str, RateLoop], aim: Aim, i_term: float | None, gyro_factors: Sequence[float]
+) -> dict[str, AxisTuning]:
+    """Tune axes with the gyro's filter as flown, and with a higher one as long as all axes together gain by it."""
+    best = {axis: tune_axis(loop, aim, 1.0, i_term) for axis, loop in loops.items()}
+    for factor in gyro_factors:
+        tuned = {axis: tune_axis(loop, aim, factor, i_term) for axis, loop in loops.items()}
+        if any(item.tuned is None for item in tuned.values()) or _worth(tuned) <= _worth(best):
+            break
+        best = tuned
+    return best
+
+
 def _remarks(
     item: AxisTuning, during: RateLoop | None, aim: Aim, i_term: float | None, proposed: Mapping[str, float]
 ) -> Iterator[tuple[str, str]]:
-    """Yield what is to be known of an axis beside its numbers, each with the axis; `during` the chirps it flew so."""
+    """Yield remarks on an axis, each with its name; `during` is its loop as it flew during the chirps."""
     loop, axis = item.loop, item.axis
     if loop is None:
         return
@@ -265,7 +281,7 @@ def _remarks(
 
 
 def _filters_opened(item: AxisTuning) -> str | None:
-    """Return what filters that are proposed higher win in phase at the crossover, and what noise comes with it."""
+    """Return what phase at the crossover filters proposed higher win, and at what noise."""
     if item.tuned is None or item.loop is None or item.noise is None:
         return None
     flown, tuned = item.loop.flown, item.tuned.settings
@@ -286,11 +302,11 @@ def _filters_opened(item: AxisTuning) -> str | None:
 
 
 def _said_once(remarks: Iterable[tuple[str, str]]) -> list[str]:
-    """Return sentences on axes, each with the axes of which it holds."""
-    alike: dict[str, list[str]] = {}
+    """Return each sentence once, with the axes that it is about."""
+    axes_of: dict[str, list[str]] = {}
     for axis, sentence in remarks:
-        alike.setdefault(sentence, []).append(axis)
-    return [f"{', '.join(axes)}: {sentence}" for sentence, axes in alike.items()]
+        axes_of.setdefault(sentence, []).append(axis)
+    return [f"{', '.join(axes)}: {sentence}" for sentence, axes in axes_of.items()]
 
 
 def _reasons(axes: Sequence[AxisTuning]) -> str:
@@ -301,12 +317,12 @@ def _reasons(axes: Sequence[AxisTuning]) -> str:
 def _unfit(log: FlightLog, known: KnownLoops | None) -> str | None:
     """Return why nothing can be tuned from a log: no one loop per axis, an oscillation, parameters that did not fly.
 
-    Without chirps at the mixer AutoTune may have run: what it did shows the craft, not the loop.
+    Without chirps at the mixer AutoTune may have run: its steps show the craft, not the loop.
     """
     chirped = any(mixer_chirps(log, axis) for axis in AXES)
-    alone = not chirped and log.vehicle.firmware != "PX4"
-    reason = no_one_setting(log) if alone else unfit_log(log)
-    if reason is not None or (alone and autotuned(log)):
+    ordinary = not chirped and log.vehicle.firmware != "PX4"
+    reason = no_one_setting(log) if ordinary else unfit_log(log)
+    if reason is not None or (ordinary and autotuned(log)):
         return reason
     oscillating = next((r for axis in AXES if (r := oscillation(log, axis))), None)
     return oscillating or (contradiction(log) if known is None else known.contradicted)
@@ -329,7 +345,7 @@ def without_copies(logs: Sequence[FlightLog]) -> list[FlightLog]:
 
 
 def _gyro_filter_stays(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> str | None:
-    """Return which evidence is lacking to open the gyro's filter; None where it is all there."""
+    """Return which evidence is missing to raise the gyro's filter; None where it is complete."""
     unknown = [item.axis for item in axes if item.loop is None or weak_band(item.loop) or unseen_mode(item.loop)]
     if unknown:
         return f"{listed(unknown)} {'is' if len(unknown) == 1 else 'are'} not identified"
@@ -341,8 +357,8 @@ def _gyro_filter_stays(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) ->
     return None if is_calm(logs) else "vibration is not known to be low (VIBE)"
 
 
-def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:
-    """Return what a gyro filter is worth: axes with a proposal and that gain, little raised unseen, score in steps."""
+def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:
+    """Rank a gyro filter: axes with a proposal, with more bandwidth, that gain; small rise unseen; score in steps."""
     items = [item for item in tuned.values() if item.tuned is not None]
     raised = (next((k for k, most in enumerate(UNSEEN_RAISED) if item.unseen <= most), 9) for item in items)
     return (
@@ -355,7 +371,7 @@ def worth_of(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float
 
 
 def _examined(flights: Sequence[LogSignals], axis: str, known: KnownLoops | None) -> AxisTuning:
-    """Identify an axis and look at the evidence of the flights with a chirp on it, else of all."""
+    """Identify an axis and check the evidence, from the flights with a chirp on it, else from all."""
     chirped = [flight for flight in flights if mixer_chirps(flight.log, axis)]
     used, identify = (chirped, rate_loop) if chirped else (flights, loop_of_flights)
     logs = [flight.log for flight in used]
@@ -377,14 +393,14 @@ def _examined(flights: Sequence[LogSignals], axis: str, known: KnownLoops | None
             loop,
         )
     if chirped:
-        unlike = (saturation(log, axis) or motors_limited(log, loop) or sagged(log, axis) for log in logs)
+        reasons = (saturation(log, axis) or motors_limited(log, loop) or sagged(log, axis) for log in logs)
     else:
-        unlike = (None if autotuned(log) else contradiction_of(log, axis) for log in logs)
-    return AxisTuning(axis, next(filter(None, unlike), None) or unsupported(loop), loop)
+        reasons = (None if autotuned(log) else contradiction_of(log, axis) for log in logs)
+    return AxisTuning(axis, next(filter(None, reasons), None) or unsupported(loop), loop)
 
 
 def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
-    """Return that a proposal gives rejection up for margins that the flown gains lack."""
+    """Return the remark on a proposal that gives up rejection for margins that the flown gains lack."""
     if item.tuned is None or item.loop is None or item.wider:
         return None
     flown, tuned = flown_margins(item.loop), margins_of(item.tuned.hz, item.tuned.response).row(0)
@@ -397,7 +413,7 @@ def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
 
 
 def _proposed(axes: Sequence[AxisTuning]) -> dict[str, float]:
-    """Return what is proposed of each axis that changes: its P, I and D, and whatever else differs from the flown."""
+    """Return the proposal for each axis that changes: its P, I and D, and what else differs from the flown."""
     proposed: dict[str, float] = {}
     for item in axes:
         if item.tuned is None or item.loop is None:
@@ -411,7 +427,7 @@ def _proposed(axes: Sequence[AxisTuning]) -> dict[str, float]:
 
 
 def _before(logs: Sequence[FlightLog], flown: Mapping[str, float], names: Iterable[str]) -> dict[str, float]:
-    """Return the way back: what flew; of an I that was taken away for the chirps what it was, else its usual part."""
+    """Return the values to go back to: as flown; of an I taken away for the chirps the one before, else its default."""
     values = {name: flown[name] for name in names}
     for axis, letters in AXES.items():
         name, P = f"ATC_RAT_{letters}_I", flown.get(f"ATC_RAT_{letters}_P", 0.0)
@@ -424,7 +440,7 @@ def _before(logs: Sequence[FlightLog], flown: Mapping[str, float], names: Iterab
 
 
 def _changed_later(logs: Sequence[FlightLog], axes: Sequence[AxisTuning]) -> dict[str, float]:
-    """Return loop parameters as they flew that a log changed afterwards, but for those of axes that stay."""
+    """Return, as they flew, loop parameters that were changed after the flight, without those of axes that stay."""
     staying = tuple(f"ATC_{kind}_{AXES[item.axis]}_" for item in axes if item.tuned is None for kind in ("RAT", "ANG"))
     changed = {}
     for log in logs:
