@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from core.findings import warning
+from core.robust import robust_sigma
 from estimation import _kernels
 from estimation.alignment import Alignment, turned, with_priors
 from estimation.attitude import euler_from_quat, matrix_from_quat
@@ -177,7 +178,7 @@ def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate
     for _ in range(PASSES):
         turned_field = m * np.exp(1j * angle)
         left = z - turned_field - iron
-        scale = max(noise.mag, 1.4826 * float(np.median(np.abs(np.concatenate([left.real, left.imag])))))
+        scale = max(noise.mag, robust_sigma(np.concatenate([left.real, left.imag])))
         weight = np.minimum(1.0, 2.0 * scale / np.maximum(np.abs(left), scale)) / scale**2 / max(rate * LASTING, 1.0)
         slope = 1j * turned_field
         H = np.array(

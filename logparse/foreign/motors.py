@@ -15,6 +15,7 @@ import numpy.typing as npt
 from scipy.ndimage import uniform_filter1d
 
 from core.findings import Finding, Severity
+from core.robust import robust_sigma
 from logparse.foreign.columns import ColumnMap
 from logparse.foreign.consistency import ResampledMotion, alike, mean_over, ratio
 from logparse.foreign.files import TableError, table_finding
@@ -118,7 +119,7 @@ def _following(pull: Floats, strength: Floats, dt: float) -> tuple[float, float,
 
 def _without_knocks(values: Floats) -> Floats:
     """Limit values to some robust deviations, as of a touch-down."""
-    most = _KNOCK * 1.4826 * float(np.median(np.abs(values)))
+    most = _KNOCK * robust_sigma(values)
     return np.clip(values, -most, most) if most > 0.0 else values
 
 

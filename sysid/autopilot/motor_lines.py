@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.robust import robust_sigma
 from logparse import FlightLog, RotoridError
 from sysid.loops.filters import NOTCH_LIMIT
 from sysid.records import Floats
@@ -224,7 +225,7 @@ def _fitted(times: Floats, throttles: Floats, lines: Floats, hover: float) -> tu
         weighted = design * weights[:, None]
         values = np.linalg.lstsq(weighted.T @ design, weighted.T @ np.log(lines), rcond=None)[0]
         left = np.log(lines) - design @ values
-        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-4)
+        scale = max(robust_sigma(left), 1e-4)
         weights = np.minimum(1.0, (2.0 * scale / np.maximum(np.abs(left), 1e-9)) ** 2)
     covariance = np.linalg.pinv((design * weights[:, None]).T @ design) * scale**2
     return values, np.sqrt(np.diag(covariance))

@@ -16,6 +16,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from core.robust import robust_sigma
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, Severity
 from sysid.bench.table import BenchError
@@ -226,7 +227,7 @@ def _periods(times: Sequence[float], oscillations: int, axis: str) -> tuple[np.n
         )
     periods = np.asarray(times, dtype=np.float64) / oscillations
     middle = float(np.median(periods))
-    scale = max(1.4826 * float(np.median(np.abs(periods - middle))), 0.002 * middle)
+    scale = max(robust_sigma(periods - middle), 0.002 * middle)
     # A swing too many or too few changes the time by a whole period.
     bad = np.abs(periods - middle) > max(5.0 * scale, 0.5 * middle / oscillations)
     if not bad.any():

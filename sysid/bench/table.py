@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from core.robust import robust_sigma
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, RotoridError, Severity
 from sysid.records.experiment import Floats
@@ -296,7 +297,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     leave_out(negative, "with negative thrust", "tare the load cell before the test")
     with np.errstate(over="ignore", invalid="ignore"):  # of thrusts that no stand measures
         left = _surface_residual(rows)
-    scale = 1.4826 * float(np.median(np.abs(left)))
+    scale = robust_sigma(left)
     far = np.abs(left) > max(6.0 * scale, 0.05 * float(rows["thrust"].max()))
     leave_out(far, "far from the curve of thrust over PWM", "repeat these points")
     findings += _power(motor, rows)
@@ -318,7 +319,7 @@ def _surface_residual(rows: pd.DataFrame) -> Floats:
     for _ in range(30):
         root = np.sqrt(weight)
         left = y - a @ np.linalg.lstsq(a * root[:, None], y * root, rcond=1e-10)[0]
-        scale = max(1.4826 * float(np.median(np.abs(left))), 1e-6 * float(np.abs(y).max()), 1e-12)
+        scale = max(robust_sigma(left), 1e-6 * float(np.abs(y).max()), 1e-12)
         # Cauchy weights: a row in other units must not pull the curve at all.
         weight = 1.0 / (1.0 + (left / (2.4 * scale)) ** 2)
     return np.asarray(left)

@@ -21,6 +21,7 @@ from enum import StrEnum
 import numpy as np
 import scipy
 
+from core.robust import robust_sigma
 from logparse import Vehicle
 from sysid.records.experiment import Experiment, Floats
 from sysid.records.filtering import lfilter
@@ -98,7 +99,7 @@ def rotor_speeds(record: Experiment, vehicle: Vehicle) -> Floats | None:
     ratio = speeds[turning] / commands[turning]
     varied = float(np.std(commands[turning]) / np.mean(commands[turning]))
     # A speed goes with some 0.7th power of the command: its ratio to it varies by a third of what the command does.
-    apart = 1.4826 * float(np.median(np.abs(ratio / np.median(ratio) - 1.0)))
+    apart = robust_sigma(ratio / np.median(ratio) - 1.0)
     return None if varied > VARYING and apart < 0.1 * varied else speeds
 
 

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from core.parameter import Parameter
+from core.robust import robust_sigma
 from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_signals import MotorGeometry, unexplained
@@ -338,7 +339,7 @@ def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[
         normal = weighted.T @ x / np.outer(size, size)
         new = np.linalg.lstsq(normal, weighted.T @ y / size, rcond=1e-13)[0] / size
         residual = y - x @ new
-        scale = 1.4826 * float(np.median(np.abs(residual)))
+        scale = robust_sigma(residual)
         done = bool(np.allclose(new, values, rtol=1e-7, atol=0.0))
         values = new
         if done or scale == 0.0:

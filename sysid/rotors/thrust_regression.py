@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.parameter import Parameter
+from core.robust import robust_sigma
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats
@@ -227,7 +228,7 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
     k = min(range(few, last + 1, every), key=left)
     k = min(range(max(k - every + 1, few), min(k + every, last + 1)), key=left)
     before, after = float(np.median(part[:k])), float(np.median(part[k:]))
-    scatter = 1.4826 * float(np.median(np.abs(np.concatenate([part[:k] - before, part[k:] - after]))))
+    scatter = robust_sigma(np.concatenate([part[:k] - before, part[k:] - after]))
     change = float(np.expm1(after - before))
     if abs(change) < max(CHANGED, CHANGED_SIGMAS * scatter):
         return []

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from core.robust import robust_sigma
 from logparse import MissingDataError, Tables, Vehicle
 from logparse.tables import between
 from sysid.records.experiment import Floats
@@ -221,4 +222,4 @@ def variances_of(residuals: Sequence[Floats], moments: Moments) -> list[float]:
 
 def spread(values: Floats) -> float:
     """Estimate the standard deviation of values about zero from their bulk."""
-    return max(1.4826 * float(np.median(np.abs(values))), 1e-6)
+    return max(robust_sigma(values), 1e-6)
