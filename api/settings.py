@@ -141,8 +141,3 @@ class Settings(BaseSettings):
     def storage_url(self) -> str:
         """Fsspec URL of the storage."""
         return self.storage or str((self.data / "objects").absolute())
-
-
-def in_words(count: int) -> str:
-    """Write a number of bytes in the largest unit that fits: ``1 GB``, ``3.2 MB``."""
-    return ByteSize(count).human_readable(decimal=True, separator=" ").replace(".0 ", " ").replace("KB", "kB")

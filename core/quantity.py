@@ -109,10 +109,10 @@ def duration(seconds: float | None) -> str:
 
 
 def size(count: int) -> str:
-    """Write a file size: ``16 kB``, ``3.1 MB``."""
+    """Write a number of bytes: ``16 kB``, ``3.1 MB``, ``4 GB``."""
     if count < 1_000_000:
         return f"{max(round(count / 1000), 1)} kB"
-    return f"{count / 1e6:.3g} MB"
+    return f"{count / 1e6:.3g} MB" if count < 999.5e6 else f"{count / 1e9:.3g} GB"
 
 
 def complex_numbers(

@@ -16,7 +16,6 @@ from sqlalchemy.exc import IntegrityError, OperationalError
 from sqlalchemy.orm import Session
 
 from api.problems import ProblemError
-from api.settings import in_words
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id, new_secret
 from api.store.owned import find, get, holds, listed, missing
@@ -25,6 +24,7 @@ from api.store.resources import Analysis, Log, State
 from api.store.scratch import Upload
 from api.work import queue
 from api.work.craft_flights import forget
+from core.quantity import size
 from pipeline.storage.store import Store
 
 
@@ -51,7 +51,7 @@ class Quota(NamedTuple):
     def check_bytes(self, stored: int) -> None:
         """Refuse more bytes of logs than one may have."""
         if 0 < self.stored < stored:
-            detail = f"Your logs would have more than the {in_words(self.stored)} that this service keeps for one user."
+            detail = f"Your logs would have more than the {size(self.stored)} that this service keeps for one user."
             raise ProblemError.of("too-many-bytes", f"{detail} Delete some, then try again.")
 
     def check_order(self, unfinished: int) -> None:

@@ -16,8 +16,9 @@ from starlette.requests import ClientDisconnect
 
 from api.logs.catalog import AcceptedLog, Catalog
 from api.problems import ProblemError
-from api.settings import Settings, in_words
+from api.settings import Settings
 from api.store.scratch import Incoming, Upload
+from core.quantity import size
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
 _BATCH = 1 << 18
@@ -182,5 +183,5 @@ def _empty(name: str) -> ProblemError:
 
 
 def _too_large(limit: int) -> ProblemError:
-    detail = f"The upload is larger than the {in_words(limit)} that this service takes."
+    detail = f"The upload is larger than the {size(limit)} that this service takes."
     return ProblemError.of("log-too-large", detail)

@@ -10,8 +10,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from api.problems import Problem
-from api.settings import in_words
 from api.web.problem_responses import respond
+from core.quantity import size
 
 #: Our pages load only our own scripts, styles and reports, and cannot be framed by others.
 _PAGE_POLICY = "; ".join(
@@ -165,7 +165,7 @@ class SmallBodies:
         await self.app(scope, replay, send)
 
 
-_TOO_LARGE = Problem.of("body-too-large", f"A request that is no upload has at most {in_words(_LIMIT)}.")
+_TOO_LARGE = Problem.of("body-too-large", f"A request that is no upload has at most {size(_LIMIT)}.")
 
 
 def _slow(stall: float) -> Problem:

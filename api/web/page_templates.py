@@ -14,10 +14,10 @@ from fastapi.templating import Jinja2Templates
 from jinja2 import StrictUndefined
 
 from api.access import COOKIE
-from api.settings import in_words
 from api.store.resources import Analysis, State
 from api.web.dependencies import Item
 from api.web.own_pages import fill_in
+from core.quantity import size
 
 _FOLDER = Path(__file__).parents[1]
 
@@ -90,7 +90,7 @@ _templates = Jinja2Templates(directory=_FOLDER / "templates")
 _templates.env.trim_blocks = _templates.env.lstrip_blocks = True
 _templates.env.undefined = StrictUndefined
 _templates.env.filters |= {
-    "size": in_words,
+    "size": size,
     "moment": _moment,
     "xml_time": _xml_time,
     "xml_text": _xml_text,

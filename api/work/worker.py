@@ -20,10 +20,11 @@ import pipeline
 import reports
 from api import log_lines
 from api.problems import Problem
-from api.settings import LogFormat, in_words
+from api.settings import LogFormat
 from api.work import confinement
 from api.work.outcome import Reached, write_flights
 from core.lazy import lazy
+from core.quantity import size
 from core.serialization import restored
 from logparse import LogError, RotoridError
 from logparse.containers import limit_unpacked
@@ -108,7 +109,7 @@ class Ended:
 def too_large(memory: int) -> Problem:
     """Report that an analysis needed more memory than it may have."""
     detail = (
-        f"The analysis needed more than the {in_words(memory)} that this service allows. Analyse a shorter log, or run "
+        f"The analysis needed more than the {size(memory)} that this service allows. Analyse a shorter log, or run "
         "`rotorid analyze` yourself, which has no limit."
     )
     return Problem.of("analysis-too-large", detail)
