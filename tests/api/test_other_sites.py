@@ -80,6 +80,7 @@ def test_our_own_pages_and_programs_change_what_they_like(
         ("https", "drone.lab", "http://drone.lab"),
         ("http", "127.0.0.1:8000", "http://localhost:8000"),
         ("http", "drone.lab", "http://evil.example@drone.lab.evil.example"),
+        ("https", "drone.lab:8443", "http://drone.lab:8443"),
         ("https", "drone.lab:8443", "null"),
         ("http", "drone.lab", ""),
         ("http", "drone.lab", "http://drone.lab:x"),
