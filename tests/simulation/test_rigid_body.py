@@ -26,27 +26,6 @@ def state(position=(0, 0, 0), velocity=(0, 0, 0), quaternion=(1, 0, 0, 0), rate=
     return np.concatenate((position, velocity, quaternion, rate, speeds)).astype(float)
 
 
-def test_moments_of_single_rotors_are_those_of_the_paper():
-    """Elhesasy 2024 eq. 14-16 with the signs restored: Mx, My (nose up) and Mz of each motor.
-
-    The paper counts Mz positive for the clockwise `+` rotors in axes with z up; with z down the reaction of a
-    clockwise rotor is negative, as the geometry asks.
-    """
-    c = math.sqrt(0.5)
-    arm, k, b = 0.35, 1.105e-5, 1.779e-7
-    roll = arm * k * np.array([0, 0, -c, -c, c, c, 1, -1])
-    pitch = arm * k * np.array([1, -1, c, -c, c, -c, 0, 0])
-    yaw = -b * np.array([1, 1, -1, -1, -1, -1, 1, 1])
-    speed, dt = 400.0, 1e-6
-    for motor in range(N):
-        speeds = np.zeros(N)
-        speeds[motor] = speed
-        flight = propagate(OCTA, state(speeds=speeds), lambda t, x, s=speeds: s, dt, dt=dt)
-        moment = OCTA.inertia @ flight[["w_x", "w_y", "w_z"]].iloc[-1].to_numpy() / dt
-        expected = np.array([roll[motor], pitch[motor], yaw[motor]]) * speed**2
-        assert moment == pytest.approx(expected, rel=1e-5, abs=1e-7)
-
-
 #: A craft whose rotors take part in its angular momentum, with products of inertia: nothing is special about its axes.
 SKEWED = dataclasses.replace(
     elhesasy2024.quadcopter(),

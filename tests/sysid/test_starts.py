@@ -62,7 +62,7 @@ def test_table_a1_of_the_paper_from_blind_starts():
 @pytest.mark.whole
 def test_shared_modes_that_get_stuck_start_from_another_grid() -> None:
     """Table A1, set 8, to y: from the first grid a fifth of a metre was left, and free runs erred by six metres."""
-    records = [record(8, number)[0] for number in range(5)]
+    records = [record(8, number)[0] for number in range(10)]
     model = fit_transfer_functions(records, poles=[[0] * 8, [5] * 8, [0] * 8], time_limit=600.0, seed=8)
     assert model.reports["y"].rmse < 1.02 * NOISE
     fresh, clean = record(8, 10)

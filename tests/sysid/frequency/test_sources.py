@@ -166,8 +166,10 @@ def test_throttle_and_accelerometer_tell_the_thrust_per_throttle_within_their_er
     assert np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
-def test_what_the_height_controller_puts_out_is_no_instrument(tmp_path: Path) -> None:
+def test_a_throttle_that_hardly_moves_and_that_of_the_height_controller_are_no_instrument(tmp_path: Path) -> None:
     """CTUN.ThI of firmware since 3.4 answers the wind."""
+    with pytest.raises(frequency.FrequencyError, match="hardly moved"):
+        frequency.response(_flown(tmp_path, stick=1e-4), "vertical")
     log = _flown(tmp_path, stick=0.1)
     log.messages.replace("CTUN", log.messages["CTUN"].rename(columns={"ThrIn": "ThI"}))
     with pytest.raises(frequency.FrequencyError, match="hardly moved, nor did the target of the height"):
