@@ -56,7 +56,7 @@ def _fits(form: str) -> bool:
 
 
 @given(table=tables())
-@settings(max_examples=120, deadline=None, derandomize=True)
+@settings(max_examples=60, deadline=None, derandomize=True)
 def test_what_is_written_is_read(table: tuple[str, list[list[object]]]) -> None:
     """Any format, any values: integers and scaled integers exactly, floats bit for bit, text to the letter."""
     form, columns = table
@@ -152,14 +152,6 @@ def test_redefinition_holds_from_its_place_on() -> None:
     assert [finding.id for finding in source.findings] == ["message-layout"]
 
 
-def test_a_repeated_definition_changes_nothing() -> None:
-    definition = fmt(1, 12, "X", "QB", "TimeUS,A")
-    data = FMT.pack() + definition + stamped(1, 1, b"\x07") + definition + stamped(1, 2, b"\x08")
-    source = DataflashSource(data)
-    assert source.decode("X", source.boots[0])["A"].tolist() == [7, 8]
-    assert source.findings == ()
-
-
 def test_contradictory_format_is_ignored_until_used() -> None:
     """A length that the format does not have: no word while no message follows it, then what fits is read."""
     odd = fmt(2, 20, "ODD", "QB", "TimeUS,A")
@@ -177,26 +169,19 @@ def test_contradictory_format_is_ignored_until_used() -> None:
         assert (finding.id, "declare" in finding.reason) == ("message-layout", True)
 
 
-def test_labels_and_format_characters_that_do_not_match_in_number() -> None:
+def test_labels_and_format_characters_that_do_not_match_or_are_not_known() -> None:
     """A FMT row that describes itself with four labels for five fields, and rows with too few or many labels."""
     data = fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format")
     data += fmt(1, 14, "FEW", "QBh", "TimeUS,A") + fmt(2, 12, "MANY", "QB", "TimeUS,A,B")
+    data += fmt(3, 14, "NEW", "QB?", "TimeUS,A,B") + stamped(3, 3, b"\x09\x01\x02")
     data += stamped(1, 1, b"\x07\x01\x00") + stamped(2, 2, b"\x08")
     source = DataflashSource(data)
     (boot,) = source.boots
     assert list(source.decode("FMT", boot).columns) == ["Type", "Length", "Name", "Format", "Columns"]
     assert source.decode("FMT", boot)["Columns"].tolist()[0] == "Type,Length,Name,Format"
     assert source.decode("FEW", boot)[["A", "field3"]].to_numpy().tolist() == [[7, 1]]
-    assert list(source.decode("MANY", boot).columns) == ["TimeUS", "A"]
-
-
-def test_unknown_format_character_ends_the_columns_but_not_the_log() -> None:
-    data = FMT.pack() + fmt(1, 14, "NEW", "QB?", "TimeUS,A,B") + fmt(2, 12, "X", "QB", "TimeUS,A")
-    data += stamped(1, 1, b"\x07\x01\x02") + stamped(2, 2, b"\x08") + stamped(1, 3, b"\x09\x01\x02")
-    source = DataflashSource(data)
-    (boot,) = source.boots
-    assert source.decode("NEW", boot)["A"].tolist() == [7, 9]
-    assert list(source.decode("NEW", boot).columns) == ["TimeUS", "A"]
+    assert list(source.decode("MANY", boot).columns) == list(source.decode("NEW", boot).columns) == ["TimeUS", "A"]
+    assert source.decode("NEW", boot)["A"].tolist() == [9]
 
 
 def test_unknown_types_do_not_stop_the_reader() -> None:
@@ -236,28 +221,19 @@ def test_decoy_headers_in_payloads_are_not_messages() -> None:
 
 
 @pytest.mark.slow
-def test_more_definitions_than_a_byte_can_number() -> None:
-    """One id redefined 260 times: every row is read by its own layout."""
-    data = FMT.pack()
-    for k in range(260):
-        data += fmt(1, 12, "X", "QB", f"TimeUS,A{k}") + stamped(1, k, bytes((k % 256,)))
-    source = DataflashSource(data)
-    frame = source.decode("X", source.boots[0])
-    assert frame.shape == (260, 261)
-    np.testing.assert_array_equal(np.diag(frame.drop(columns="TimeUS")), np.arange(260) % 256)
-
-
-@pytest.mark.slow
-def test_a_file_of_nothing_but_redefinitions_stays_within_bounds() -> None:
-    """Each layout of one name would add a column to a table of all their rows: 10 million cells here."""
+def test_redefinitions_without_end_are_read_by_their_own_layouts_within_bounds() -> None:
+    """More than a byte can number; each layout of one name would add a column to a table of all their rows."""
     data = [FMT.pack()]
-    for k in range(220):
-        data += [fmt(1, 12, "X", "QB", f"TimeUS,A{k}"), stamped(1, 1000 * k, bytes((k % 256,))) * 200]
+    for k in range(300):
+        data += [fmt(1, 12, "X", "QB", f"TimeUS,A{k}"), stamped(1, 1000 * k, bytes((k % 256,))) * 100]
     begun = time.process_time()
     source = DataflashSource(b"".join(data))
     frame = source.decode("X", source.boots[0])
     assert frame.size < 8_000_000 + sum(map(len, data))
-    assert len(frame) > 0
+    layouts = frame.drop(columns="TimeUS")
+    assert layouts.shape[1] > 256
+    for label, column in layouts.items():
+        assert column.dropna().tolist() == [int(str(label)[1:]) % 256] * 100
     (damage,) = [finding for finding in source.findings if finding.id == "file-damaged"]
     assert "changes more often" in damage.reason
     assert time.process_time() - begun < 60.0
@@ -360,33 +336,6 @@ def check_one_boot_with_flipped(bit: int) -> None:
     t = source.decode("X", boot).index.to_numpy()
     # A first row that is too early cannot be told from one before a pause.
     np.testing.assert_allclose(t[1:], np.array(times[1:]) * 1e-6, atol=5.0)
-
-
-def test_messages_without_time_lie_between_their_neighbours() -> None:
-    data = FMT.pack() + fmt(1, 11, "X", "Q", "TimeUS") + fmt(2, 4, "U", "B", "A")
-    data += row(2, b"\0") + stamped(1, 10_000_000) + row(2, b"\1") * 3 + stamped(1, 11_000_000) + row(2, b"\2")
-    source = DataflashSource(data)
-    u = source.decode("U", source.boots[0])
-    # Before the first and behind the last clock nothing tells more than that clock.
-    assert u.index[0] == 10.0
-    assert u.index[4] == 11.0
-    assert (u.index[1:4] > 10.0).all()
-    assert (u.index[1:4] < 11.0).all()
-    assert u.index.is_monotonic_increasing
-
-
-def test_gps_week_time_is_not_the_boot_clock() -> None:
-    """3.1/3.2: GPS.TimeMS is ms of the GPS week, GPS.T the boot clock."""
-    data = FMT.pack() + fmt(1, 14, "GPS", "BIHI", "Status,TimeMS,Week,T") + fmt(2, 7, "X", "I", "TimeMS")
-    for k in range(20):
-        data += row(2, struct.pack("<I", 5000 + 200 * k))
-        data += row(1, struct.pack("<BIHI", 3, 500_000_000 + 200 * k, 1829, 5050 + 200 * k))
-    source = DataflashSource(data)
-    (boot,) = source.boots
-    gps = source.decode("GPS", boot)
-    np.testing.assert_allclose(gps.index, 5.05 + 0.2 * np.arange(20))
-    assert gps["TimeMS"].iloc[0] == 500_000_000
-    assert (boot.t_start, boot.t_end) == (5.0, 8.85)
 
 
 def test_dropped_messages_of_the_autopilot_are_told() -> None:

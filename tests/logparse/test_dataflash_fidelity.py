@@ -1,7 +1,7 @@
 """Every message of every shared DataFlash log, against pymavlink.
 
-pymavlink's index says where it found messages and its format table how they are packed; the values behind both are
-compared with our columns field by field. pymavlink's message objects, which also scale, are compared for a few rows.
+pymavlink's index says where it found messages and its format table how they are packed and scaled; the values behind
+both are compared with our columns field by field.
 """
 
 import struct
@@ -23,8 +23,6 @@ BINARY = sorted(path for path in SHARED.glob("*/*") if path.suffix.lower() == ".
 QUICK = [path for path in BINARY if path.stat().st_size < 3_000_000]
 SLOW = [path for path in BINARY if path not in QUICK]
 
-pytestmark = pytest.mark.skipif(not BINARY, reason="the shared logs are not beside the project")
-
 
 def index_by_pymavlink(path: Path) -> tuple[dict[int, npt.NDArray[np.int64]], dict[int, DFReader.DFFormat]]:
     """Offsets of whole messages by id, and formats by id."""
@@ -38,6 +36,15 @@ def index_by_pymavlink(path: Path) -> tuple[dict[int, npt.NDArray[np.int64]], di
             offsets[message_id] = np.array([o for o in offset if o + formats[message_id].len <= size], np.int64)
     reader.close()
     return offsets, formats
+
+
+def test_characters_of_formats_are_packed_and_scaled_as_pymavlink_does() -> None:
+    for char, (code, scale, _) in DFReader.FORMAT_TO_STRUCT.items():
+        kind = FIELD_TYPES[char]
+        assert kind.size == struct.calcsize("<" + code)
+        # pymavlink reads flight modes as signed.
+        assert kind.is_text or char in "aM" or kind.dtype == np.dtype("<" + code)
+        assert kind.divisor == (1 if scale is None else round(1 / scale))
 
 
 def assert_same_values(column: pd.Series, raw: npt.NDArray[np.generic], char: str, scale: float, where: str) -> None:
@@ -68,8 +75,9 @@ def _text(cell: bytes) -> str:
         return cell.decode("latin-1")
 
 
-def compare(path: Path) -> dict[str, pd.DataFrame]:
-    """Compare a whole log; return the messages as we read them."""
+@pytest.mark.parametrize("path", [*thinned(QUICK, 2), *thinned(SLOW, 4)], ids=lambda path: path.name)
+def test_counts_and_values_are_those_of_pymavlink(path: Path) -> None:
+    """Compare a whole log."""
     offsets, formats = index_by_pymavlink(path)
     data = np.fromfile(path, np.uint8)
     source = DataflashSource(data.tobytes())
@@ -86,65 +94,18 @@ def compare(path: Path) -> dict[str, pd.DataFrame]:
         rows = data[offset[:, None] + np.arange(form.len)]
         position = 3
         for name, char in zip(form.columns, form.format, strict=True):
-            size = struct.calcsize("<" + DFReader.FORMAT_TO_STRUCT[char][0])
             kind = FIELD_TYPES[char]
-            assert kind.size == size
-            raw = np.ascontiguousarray(rows[:, position : position + size]).view(kind.dtype)
-            position += size
+            raw = np.ascontiguousarray(rows[:, position : position + kind.size]).view(kind.dtype)
+            position += kind.size
             scale = frame.attrs["multipliers"].get(name, 1.0)
             if kind.divisor != 1:
                 assert scale == 1 / kind.divisor
             assert_same_values(
                 frame[name], raw if char == "a" else raw[:, 0], char, scale, f"{path.name}: {form.name}.{name}"
             )
-    return dict(frames)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "path",
-    thinned(SLOW, 4),
-    ids=lambda path: path.name,
-)
-def test_counts_and_values_are_those_of_pymavlink_in_large_logs(path: Path) -> None:
-    compare(path)
-
-
-@pytest.mark.parametrize(
-    "path",
-    thinned(QUICK, 2),
-    ids=lambda path: path.name,
-)
-def test_counts_and_values_are_those_of_pymavlink(path: Path) -> None:
-    """The first rows of each type also through pymavlink's message objects, which apply the legacy scales."""
-    frames = compare(path)
-    reader = DFReader.DFReader_binary(str(path))
-    seen: dict[str, int] = {}
-    for _ in range(5000):
-        message = reader.recv_msg()
-        if message is None:
-            break
-        name = message.get_type()
-        row = seen.get(name, 0)
-        seen[name] = row + 1
-        if row >= 8:
-            continue
-        frame = frames[name]
-        scaled = frame.attrs["multipliers"]
-        for field, char in zip(message.fmt.columns, message.fmt.format, strict=True):
-            theirs, ours = getattr(message, field), frame[field].iloc[row]
-            if char == "M":
-                theirs %= 256  # pymavlink reads flight modes as signed.
-            elif field in scaled and FIELD_TYPES[char].divisor == 1:
-                theirs *= scaled[field]  # pymavlink tells the multipliers of FMTU rows but does not apply them.
-            if isinstance(theirs, float):
-                assert ours == pytest.approx(theirs, rel=1e-6, nan_ok=True), (name, field)
-            else:
-                assert (list(ours) == list(theirs)) if char == "a" else ours == theirs, (name, field)
-    reader.close()
-    assert len(seen) > 5
-
-
+@pytest.mark.skipif(not BINARY, reason="the shared logs are not beside the project")
 @pytest.mark.parametrize(
     ("name", "boot_clock"),
     [
@@ -164,13 +125,3 @@ def test_boot_clock_of_old_logs(name: str, boot_clock: tuple[float, float]) -> N
     parameters = source.decode("PARM", boot)
     assert parameters.index.is_monotonic_increasing
     assert parameters.index.min() >= boot.t_start
-
-
-@pytest.mark.parametrize(
-    ("name", "byte"),
-    [("erlerobot-logs__26-11-2014_181.BIN", 692208), ("erlerobot-logs__27-9-2014_70.BIN", 16361)],
-)
-def test_truncated_tail_is_told(name: str, byte: int) -> None:
-    source = DataflashSource((SHARED / "real" / name).read_bytes())
-    (finding,) = source.findings
-    assert (finding.id, finding.evidence["first_byte"]) == ("file-end", byte)

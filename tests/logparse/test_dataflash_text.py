@@ -125,13 +125,6 @@ def test_a_damaged_clock_costs_its_line_and_no_other_times() -> None:
     assert times.tolist() == [1.0, 1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8, 1.9]
 
 
-def test_several_boots() -> None:
-    text = "FMT, 1, 11, X, Q, TimeUS\n" + "".join(f"X, {t}\n" for t in range(60_000_000, 61_000_000, 10_000))
-    source = DataflashTextSource((text + text.replace("X, 60", "X, 20")).encode())
-    assert [boot.t_start for boot in source.boots] == [60.0, 20.0]
-    assert [source.counts(boot) for boot in source.boots] == [{"FMT": 1, "X": 100}] * 2
-
-
 def test_damaged_lines_cost_themselves_only() -> None:
     text = HEAD + "GPS, 3, 1000, 1765, 5000\nATT, 1, x, 3\nATT, 1, 2, 3, 4\nQQ, 1\nGPS, 3, 12\nATT, 5, 6, 7, 8"
     source = DataflashTextSource(text.encode() + b"\n\xff\xfe\xff\n")

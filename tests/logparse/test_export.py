@@ -11,11 +11,8 @@ import pytest
 from scipy.io import loadmat
 
 from core.errors import RotoridError
-from logparse import COLUMNS, read_log
 from logparse.export import export
 from logparse.tables import Tables
-from tests.forms import thinned
-from tests.paths import SHARED
 from tests.timed import timed
 
 
@@ -103,23 +100,3 @@ def test_names_that_the_log_does_not_have(log, tmp_path):
         export(log, tmp_path, messages=["RCOU"])
     with pytest.raises(RotoridError, match="unknown export format 'xlsx'"):
         export(log, tmp_path, format="xlsx")
-
-
-@pytest.mark.parametrize("kind", ["parquet", "csv", "mat"])
-@pytest.mark.parametrize("name", thinned(["real/DigitalSarcasm-Quadcopter__nan.log", "sitl/paper03.BIN"], 2))
-def test_shared_logs_export_whole(name, kind, tmp_path):
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip("shared logs are not here")
-    log = read_log(path)
-    files = export(log, tmp_path, format=kind)
-    if kind == "mat":
-        content = loadmat(files[0], simplify_cells=True)
-        assert len(content["messages"]["IMU"]["GyrX"]) == log.messages.counts["IMU"]
-        return
-    count = sum(getattr(log.tables, table) is not None for table in COLUMNS)
-    assert len(files) == count + len(log.messages) + 1
-    if kind == "parquet":
-        imu = pq.read_table(tmp_path / "messages" / "IMU.parquet")
-        assert imu.num_rows == log.messages.counts["IMU"]
-        assert imu["GyrX"].to_numpy() == pytest.approx(log.messages["IMU"]["GyrX"].to_numpy())

@@ -4,17 +4,13 @@ import json
 import math
 import re
 
-import numpy as np
 import pandas as pd
 import pytest
 
-from estimation import estimate
 from logparse import read_log
 from logparse.completeness import check
 from logparse.craft import frames
 from logparse.craft.frames import motor_table, servo_function_motor
-from logparse.craft.quadplane import copter_name, own_names
-from sysid import Experiment, fit_thrust
 from sysid.loops import design, tune
 from tests.logparse.quadplanes import quadplane
 from tests.paths import REAL, SAMPLES, SITL
@@ -23,7 +19,7 @@ STANDARD = sorted(key for key in frames.FACTORS if key[1] not in ("vtail", "atai
 
 
 @pytest.mark.parametrize(("frame_class", "frame_type"), STANDARD)
-def test_a_hovering_frame_does_not_turn(frame_class, frame_type):
+def test_a_hovering_frame_does_not_turn_and_its_factors_agree_with_its_arms(frame_class, frame_type):
     # Equal thrust must give no roll and no yaw torque; V frames of eight motors are not symmetric fore and aft.
     motors = motor_table(frame_class, frame_type)
     assert len(motors) == frames.MOTOR_COUNTS[frame_class]
@@ -31,11 +27,6 @@ def test_a_hovering_frame_does_not_turn(frame_class, frame_type):
     assert sum(m.yaw for m in motors) == pytest.approx(0.0, abs=1e-9)
     assert sum(m.pitch for m in motors) == pytest.approx(0.0, abs=0.03)
     assert sum(m.layer for m in motors) == 0
-
-
-@pytest.mark.parametrize(("frame_class", "frame_type"), STANDARD)
-def test_factors_are_normalised_and_agree_with_the_arms(frame_class, frame_type):
-    motors = motor_table(frame_class, frame_type)
     for axis in ("roll", "pitch", "yaw"):
         assert max(abs(getattr(m, axis)) for m in motors) == pytest.approx(0.5)
     for m in motors:
@@ -101,22 +92,6 @@ def test_coaxial_pairs_turn_against_each_other():
             assert sum(m.spin for m in pair) == 0
 
 
-def test_tricopter_has_no_motor_three():
-    assert [m.number for m in motor_table("tri")] == [1, 2, 4]
-    assert [round(math.degrees(m.angle)) for m in motor_table("tri")] == [60, -60, 180]
-    assert all(m.spin == 0 and m.yaw == 0.0 for m in motor_table("tri"))
-
-
-def test_frames_that_do_not_exist_have_no_motors():
-    assert motor_table("octa", "vtail") == ()
-    assert motor_table("heli", "plus") == ()
-
-
-def test_channels_follow_the_servo_functions():
-    motors = motor_table("quad", "x", {1: 5, 2: 6, 3: 7})
-    assert [m.channel for m in motors] == [5, 6, 7, None]
-
-
 def test_servo_functions_name_motors():
     assert [servo_function_motor(f) for f in (33, 40, 82, 85, 160, 179)] == [1, 8, 9, 12, 13, 32]
     assert [servo_function_motor(f) for f in (0, 1, 32, 41, 81, 86, 159)] == [None] * 7
@@ -150,11 +125,6 @@ def test_what_lifts_has_the_names_of_a_copter(copter, winged):
     pd.testing.assert_series_equal(winged.tables.setpoints["throttle"], copter.tables.setpoints["throttle"])
 
 
-def test_names_come_back_for_the_files_that_it_loads():
-    for name in ("Q_A_RAT_RLL_P", "Q_M_THST_HOVER", "Q_FRAME_CLASS", "INS_GYRO_FILTER"):
-        assert own_names(copter_name(name), "ArduPlane") == name
-
-
 def test_motors_and_controllers_count_in_hover_only(copter, winged):
     tables, on_wings = winged.tables, slice(55.0, 70.0)
     assert tables.motors.loc[on_wings].isna().all(axis=None)
@@ -166,16 +136,6 @@ def test_motors_and_controllers_count_in_hover_only(copter, winged):
     assert (flight.start, flight.stop) == (same.start, same.stop)
     (finding,) = [finding for finding in winged.findings if finding.id == "wing-borne"]
     assert finding.evidence["seconds"] == pytest.approx(15.0, abs=0.3)
-
-
-def test_hover_has_the_thrust_of_the_copter(copter, winged):
-    whole, part = (
-        fit_thrust(Experiment.from_flight(log, estimate(log.tables, date=log.start_utc))) for log in (copter, winged)
-    )
-    # Each is stated at the median voltage of its own hover, and thrust goes with the square of it.
-    at_voltage = (part.reference_voltage / whole.reference_voltage) ** 2
-    sigma = np.hypot(whole.common.sigma, part.common.sigma)
-    assert part.common.per_mass == pytest.approx(whole.common.per_mass * at_voltage, abs=2.0 * sigma)
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +152,7 @@ def test_gains_are_proposed_by_the_craft_s_own_names(chirped):
     assert "Q_A_RAT_RLL_P," in tuned.rollback_file()
 
 
-@pytest.mark.parametrize("purpose", ["rates", "drag", "thrust", "position"])
+@pytest.mark.parametrize("purpose", ["rates", "drag"])
 def test_the_next_flight_is_one_that_a_quadplane_can_fly(chirped, winged, purpose):
     """Chirps by a switch in a Q mode (ArduPlane has no mode SYSTEMID), missions on the motors that lift."""
     planned = design(chirped if purpose == "rates" else winged, purpose)
@@ -202,13 +162,6 @@ def test_the_next_flight_is_one_that_a_quadplane_can_fly(chirped, winged, purpos
     assert ("RCn_OPTION 184" in text) == (purpose == "rates")
     commands = [int(line.split("\t")[3]) for line in text.splitlines() if line.count("\t") == 11]
     assert commands[1:3] + commands[-1:] == ([] if purpose == "rates" else [84, 3000, 85])
-
-
-def test_what_a_quadplane_cannot_do_is_said_in_its_words(chirped, winged):
-    assert "QuadPlane" in design(chirped, "inertia").refused
-    reason = tune(winged).refused
-    assert "RCn_OPTION 184" in reason
-    assert "mode SYSTEMID" not in reason
 
 
 def test_a_tailsitter_hovers_on_its_tail_and_is_left(tmp_path):

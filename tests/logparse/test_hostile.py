@@ -19,7 +19,7 @@ from tests.fuzz.px4_seed import px4_log
 from tests.paths import SAMPLES
 
 #: Mutations of each kind here; `python -m tests.fuzz 10000` does more.
-COUNT = 12
+COUNT = 6
 
 
 @pytest.mark.parametrize("kind", structures.KINDS)
@@ -99,7 +99,7 @@ def test_a_parameter_whose_name_is_a_number_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "value", ["!!int abc", "!!timestamp 1-1-1", "[" * 3000, "&a [*a, *a]", "!!float x", "2024-13-45"]
+    "value", ["!!int abc", "!!timestamp 1-1-1", "[" * 3000, "&a [*a, *a]", "!!float x", "2024-13-45", "[t"]
 )
 def test_yaml_that_its_own_reader_stumbles_over_is_refused(value: str, tmp_path: Path) -> None:
     path = tmp_path / "columns.yaml"

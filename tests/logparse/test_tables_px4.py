@@ -36,12 +36,6 @@ def test_pulses_dshot_and_normalised_commands_are_all_microseconds():
         assert tables.motors.iloc[1].tolist() == pytest.approx([1500, 1501, 1502, 1503])
 
 
-def test_motors_follow_the_output_functions():
-    parameters = QUAD | {f"PWM_MAIN_FUNC{k}": 105 - k for k in range(1, 5)}
-    tables, _ = build({"actuator_outputs": outputs([1001, 1002, 1003, 1004], [1101, 1102, 1103, 1104])}, parameters)
-    assert tables.motors["m1"].tolist() == [1004, 1104]
-
-
 def test_fixes_before_and_after_1_14():
     names = ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s", "eph", "epv", "s_variance_m_s", "hdop")
     common = dict.fromkeys(names, 0.1)
@@ -61,9 +55,7 @@ def test_what_no_sensor_gives_is_not_known():
     frame = topic([0.0, 0.1, 0.2], **dict.fromkeys(("x", "y", "z", "vx", "vy", "vz"), damaged))
     tables, _ = build({"vehicle_local_position_setpoint": frame})
     assert tables.setpoints["p_n"].tolist() == [1.0, 1.0, 1.0], "held from the only sample, 0.2 s away"
-
-
-def test_no_fix_leaves_no_position():
+    # No fix leaves no position.
     frame = topic(
         [1, 2], latitude_deg=[0.0, 0.0], longitude_deg=[0.0, 0.0], altitude_msl_m=-17.0, fix_type=[0, 0], eph=4294967.5
     )

@@ -6,7 +6,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from logparse.canonical.events import ardupilot_mode
 from logparse.flights import find_flights
 from logparse.tables import COLUMNS
 from tests.logparse.builders import tables_of
@@ -57,9 +56,7 @@ def test_position_and_velocity_are_put_in_metres_from_the_origin():
     assert tables.ekf.iloc[5][["p_d", "v_n", "v_e", "v_d"]].tolist() == pytest.approx([-10.0, 2.0, -0.5, 0.1], abs=1e-3)
     # Yaw passes south: no sample in between may point north.
     assert (np.abs(tables.ekf["yaw"]) > 2.9).all()
-
-
-def test_the_local_position_is_preferred_where_it_is_sent():
+    # The local position is preferred where it is sent.
     t = np.arange(4) * 0.1
     local = message(t, x=1.0, y=2.0, z=-3.0, vx=0.1, vy=0.2, vz=0.3)
     tables, _ = build({"LOCAL_POSITION_NED": local})
@@ -155,11 +152,6 @@ def test_px4_modes_over_mavlink():
     assert tables.modes["mode"].tolist() == ["POSITION", "MISSION", "MODE_153.0"]
 
 
-def test_modes_of_a_plane_are_not_those_of_a_copter():
-    modes = [ardupilot_mode(19, firmware) for firmware in ("ArduPlane", "ArduCopter", None)]
-    assert modes == ["QLOITER", "AVOID_ADSB", "AVOID_ADSB"]
-
-
 def test_a_flight_shows_without_motor_outputs():
     t = np.arange(0.0, 60.0, 0.25)
     height = np.interp(t, [0, 10, 14, 40, 45, 60], [0, 0, 10, 10, 0, 0])
@@ -179,9 +171,7 @@ def test_motors_whose_function_was_not_downloaded_are_on_the_output_of_their_num
     assert tables.motors.iloc[0].tolist() == [1501, 1502, 1503, 1504, 1505, 1506, 1507, 1508]
     finding = next(finding for finding in findings if finding.id == "frame-unknown")
     assert finding.evidence["motors"] == "5, 6, 7, 8"
-
-
-def test_motors_are_not_guessed_where_outputs_differ_from_numbers_or_drive_something_else():
+    # They are not guessed where outputs differ from numbers or drive something else.
     swapped = {"SERVO1_FUNCTION": 34, "SERVO2_FUNCTION": 33, "SERVO3_FUNCTION": 35}
     taken = {"SERVO1_FUNCTION": 33, "SERVO2_FUNCTION": 34, "SERVO3_FUNCTION": 35, "SERVO4_FUNCTION": 10}
     pulses = message([0.0, 1.0], port=[0, 0], **{f"servo{k}_raw": [1500 + k] * 2 for k in range(1, 5)})

@@ -161,24 +161,6 @@ def test_versions_signatures_and_unknown_messages_side_by_side():
     assert "file-damaged" not in findings(source)
 
 
-def test_units_are_those_of_the_protocol():
-    source = Flight().fly(10, 12).open()
-    frame = source.decode("ATTITUDE", source.boots[0])
-    assert frame.attrs["units"] == {"time_boot_ms": "ms"} | dict.fromkeys(
-        ["roll", "pitch", "yaw"], "rad"
-    ) | dict.fromkeys(["rollspeed", "pitchspeed", "yawspeed"], "rad/s")
-
-
-def test_texts_end_at_the_first_zero_and_are_clean():
-    flight = Flight().fly(10, 12)
-    for text in (b"Frame: OCTA/PLUS", b"a\0left over", b"\xb0C", b"caf\xc3\xa9", b"x" * 50, b""):
-        flight.send(12.0, "STATUSTEXT", text=text)
-    source = flight.open()
-    texts = source.decode("STATUSTEXT", source.boots[0])["text"]
-    assert texts.dtype == "str"
-    assert texts.tolist() == ["Frame: OCTA/PLUS", "a", "°C", "café", "x" * 50, ""]
-
-
 # Senders
 
 
@@ -218,17 +200,6 @@ def test_of_two_vehicles_the_one_heard_most_is_taken():
     assert len(source.boots) == 1
 
 
-def test_without_a_heartbeat_whoever_tells_boot_time():
-    flight = Flight()
-    for k in range(10, 30):
-        flight.send(k, "PARAM_VALUE", 255, 190)
-        flight.send(k, "PARAM_VALUE", 255, 190)
-        flight.send(k, "ATTITUDE", 3, 1)
-    source = flight.open()
-    assert source.autopilot == (3, 1)
-    assert "several-in-file" in findings(source)
-
-
 # Clock
 
 
@@ -257,6 +228,17 @@ SESSIONS = {
     # After 60 s of silence the link delivers 8 s late for some seconds.
     "outage": ([(10, 40, 0.0, 0.05), (100, 104, 0.0, 8.0), (104, 140, 0.0, 0.05)], [(10.0, 139.75)]),
 }
+
+
+def test_without_a_heartbeat_whoever_tells_boot_time():
+    flight = Flight()
+    for k in range(10, 30):
+        flight.send(k, "PARAM_VALUE", 255, 190)
+        flight.send(k, "PARAM_VALUE", 255, 190)
+        flight.send(k, "ATTITUDE", 3, 1)
+    source = flight.open()
+    assert source.autopilot == (3, 1)
+    assert "several-in-file" in findings(source)
 
 
 @pytest.mark.parametrize("session", SESSIONS)

