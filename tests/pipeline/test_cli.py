@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 from unittest import mock
 
@@ -17,16 +18,13 @@ import reports
 from api.store.resources import Configuration
 from pipeline import AnalysisConfig, ConfigError
 from pipeline.config import SETTINGS
+from pipeline.execution import executors
+from pipeline.fleet import crafts, job
 from rotorid.cli import main as cli
 from rotorid.cli.main import app
 from tests.paths import ROOT, SAMPLES
+from tests.pipeline import flown
 from tests.reports.conftest import made_flight
-
-
-def rotorid(*arguments, cwd=None):
-    command = [sys.executable, "-c", "from rotorid.cli.main import main; main()", *map(str, arguments)]
-    environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONPATH": str(ROOT)}
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, env=environment, timeout=3000)
 
 
 @pytest.mark.parametrize(
@@ -59,7 +57,8 @@ def test_results_go_to_a_folder_of_the_name_of_the_log_unless_another_is_named(t
     (tmp_path / "lab").mkdir()
     (tmp_path / "lab" / "flight.bin").write_bytes(b"none")
     monkeypatch.chdir(tmp_path)
-    for named, folder in (("lab/flight.bin", "flight"), ("lab", "lab"), ("lab/", "lab")):
+    monkeypatch.setattr(executors, "processes", lambda *_: nullcontext())
+    for named, folder in (("lab/flight.bin", "flight"), ("lab/", "lab")):
         run = rotorid_here("analyze", named)
         assert (tmp_path / "out" / folder).is_dir(), run.stderr
 
@@ -164,57 +163,34 @@ def test_export_writes_what_was_asked_for(tmp_path, rotorid_here):
     assert 30.0 <= min(times) <= max(times) <= 32.0
 
 
-@pytest.mark.slow
-def test_a_folder_with_good_and_bad_logs(tmp_path):
-    """Broken logs are named with their reasons; what the good ones hold is all there; the joint fit judges others."""
-    logs = tmp_path / "logs"
-    logs.mkdir()
-    names = ["octa01_zurich_calm.bin", "octa02_alain_breeze.bin", "octa02_alain_breeze.tlog"]
-    for name in names:
-        (logs / name).write_bytes((SAMPLES / name).read_bytes())
-    whole = (SAMPLES / "octa03_quito_high.bin").read_bytes()
-    (logs / "cut.bin").write_bytes(whole[: len(whole) // 5])
-    (logs / "empty.bin").write_bytes(b"")
-    (logs / "README.md").write_text("flown on Friday")
-    arguments = ("analyze", logs, "--out", tmp_path / "out", "--poles", "1", "--zeros", "0", "--time-limit", "3000")
-    run = rotorid(*arguments)
-    assert run.returncode == 1
-    assert "empty.bin" in run.stderr
-    assert "README.md" not in run.stderr
-    assert "Traceback" not in run.stderr
+def test_a_folder_is_told_with_its_failures_and_told_again_without_work(tmp_path, rotorid_here, monkeypatch):
+    """Broken logs are named, what the others hold is all there; the second run waits for no numerical package."""
+    monkeypatch.setattr(job, "analyze_flights", flown.analyze_flights)
+    monkeypatch.setattr(crafts, "identify_craft", flown.identify_craft)
+    monkeypatch.setattr(executors, "processes", lambda *_: nullcontext())
+    (tmp_path / "logs").mkdir()
+    files = {"a.bin": "octa 1", "b.bin": "octa 2 2", "empty.bin": "broken", "README.md": "broken too"}
+    for name, content in files.items():
+        (tmp_path / "logs" / name).write_text(content)
+    first = rotorid_here("analyze", tmp_path / "logs", "--out", tmp_path / "out")
+    assert first.returncode == 1
+    assert "empty.bin" in first.stderr
+    assert "README.md" not in first.stderr
     numbers = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
-    flights = {flight["name"]: flight for flight in numbers["flights"]}
-    assert set(flights) == {"cut", "octa01_zurich_calm", "octa02_alain_breeze.bin", "octa02_alain_breeze.tlog"}
-    assert flights["octa02_alain_breeze.bin"]["models"][0]["kind"]
-    (group,) = numbers["groups"]
-    assert {*group["training"], *group["held_out"]} == {"octa01_zurich_calm", "octa02_alain_breeze.bin"}
-    assert group["rmse"][0]["part"] == "held-out"
-    assert "3 flights" in run.stdout  # of four recordings
-    assert all((tmp_path / "out" / "flights" / name / "report.html").is_file() for name in flights)
-    _unchanged(run, *arguments)
-
-
-def _unchanged(first, *arguments):
-    """Run the same again: it says the same, does nothing, and waits for no numerical package."""
+    assert [flight["name"] for flight in numbers["flights"]] == ["a", "b#1", "b#2"]
+    assert len(list((tmp_path / "out" / "flights").glob("*/report.html"))) == 3
     script = (
         "import atexit, sys\nfrom rotorid.cli.main import main\n"
         "heavy = {'numpy', 'pandas', 'scipy', 'numba', 'pyarrow', 'plotly', 'fsspec'}\n"
         "atexit.register(lambda: print('heavy:', *heavy & set(sys.modules), file=sys.stderr))\nmain()"
     )
+    command = [sys.executable, "-c", script, "analyze", str(tmp_path / "logs"), "--out", str(tmp_path / "out")]
     environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1", "PYTHONPATH": str(ROOT)}
-    again = subprocess.run(
-        [sys.executable, "-c", script, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        timeout=300,
-    )
+    again = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=300)
     assert again.returncode == first.returncode
-    _, happened, summary = first.stdout.partition("Nothing happened in 4 flights")  # flights were told as they came
-    assert again.stdout.startswith(happened + summary)
+    assert again.stdout.partition("\nReport: ")[0] in first.stdout  # flights were told as they came
     assert "unchanged" in again.stdout
     assert again.stderr.splitlines()[-1] == "heavy:"
-    assert "at work" not in again.stderr
 
 
 # Settings that cannot be are refused with what they may be.

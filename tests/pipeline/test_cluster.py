@@ -47,18 +47,6 @@ def pair(programs):
 
 
 @pytest.mark.slow
-def test_the_workers_of_a_scheduler_do_what_processes_do(pair, tmp_path):
-    (tmp_path / "logs").mkdir()
-    pair.check([tmp_path / "logs", "s3://bucket/logs"], tmp_path / "out")
-    assert list((tmp_path / "out").iterdir()) == []
-    assert list(pair.map(calls.square, range(5))) == [0, 1, 4, 9, 16]
-    with pytest.raises(ValueError, match="too short"):
-        pair.submit(calls.refuse, "too short").result()
-    assert pair.submit(calls.environment, "OPENBLAS_NUM_THREADS").result() == "1"
-    assert pair.in_flight == 2
-
-
-@pytest.mark.slow
 def test_a_killed_worker_costs_nothing_and_a_poisonous_call_only_itself(pair, tmp_path):
     os.mkfifo(tmp_path / "pipe")
     pair.check()
@@ -95,12 +83,6 @@ def test_a_folder_on_s3_goes_by_url_to_the_workers_and_its_results_to_s3(pair, m
     assert pair.submit(calls.fetched_logs).result() == [], "they are cleared away"
 
 
-NUMPY_OF_OLD = """
-import importlib.metadata
-true = importlib.metadata.version
-importlib.metadata.version = lambda name: "1.0" if name == "numpy" else true(name)
-"""
-
 NO_ROTORID = """
 import sys
 class Nothing:
@@ -112,10 +94,9 @@ sys.meta_path.insert(0, Nothing())
 
 
 @pytest.mark.whole
-def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_path):
-    for name, start in (("old", NUMPY_OF_OLD), ("bare", NO_ROTORID)):
-        (tmp_path / name).mkdir()
-        (tmp_path / name / "sitecustomize.py").write_text(start)
+def test_a_scheduler_without_workers_then_without_rotorid_there_and_then_gone(tmp_path):
+    (tmp_path / "bare").mkdir()
+    (tmp_path / "bare" / "sitecustomize.py").write_text(NO_ROTORID)
     os.mkfifo(tmp_path / "pipe")
     with closing(Programs(tmp_path / "dask")) as programs:
         scheduler = programs.start_scheduler()
@@ -123,16 +104,12 @@ def test_a_scheduler_without_workers_then_with_other_software_and_then_gone(tmp_
             executor.patience = 0.1
             with pytest.raises(SchedulerError, match=r"has no workers: start some with `dask worker tcp://"):
                 executor.check()
-            programs.start_worker("--no-nanny", path=(tmp_path / "old",))
             programs.start_worker("--no-nanny", path=(tmp_path / "bare",))
-            executor.client.wait_for_workers(2)
-            with pytest.raises(SchedulerError, match="the cluster cannot do this work:\n  tcp://") as raised:
+            executor.client.wait_for_workers(1)
+            with pytest.raises(SchedulerError, match="has no module pipeline: install rotorid"):
                 executor.check()
-            assert "has numpy 1.0 instead of" in str(raised.value)
-            assert "has no module pipeline: install rotorid" in str(raised.value)
             # Such workers may also come after the check.
-            errors = {type(executor.submit(calls.square, number).exception()) for number in range(4)}
-            assert errors <= {SchedulerError, ModuleNotFoundError}
+            assert isinstance(executor.submit(calls.square, 2).exception(), ModuleNotFoundError)
         with Cluster(programs.address) as executor:
             waiting = [executor.submit(calls.stay, tmp_path / "pipe") for _ in range(2)]
             with (tmp_path / "pipe").open() as reports:

@@ -4,7 +4,6 @@ import dataclasses
 import datetime as dt
 import json
 import math
-from math import pi
 
 import numpy as np
 import pytest
@@ -151,7 +150,7 @@ def test_leaving_the_fitted_range_is_found_with_its_part_and_reach():
     assert "ground speed up to 14.5 m/s (fitted to 7 m/s) for 30 % of its time" in finding.reason
 
 
-def test_one_bin_beyond_or_a_blip_is_no_extrapolation():
+def test_one_bin_beyond_a_blip_and_a_poor_position_are_no_extrapolation():
     near = np.concatenate([np.full(700, 3.0), np.full(300, 7.5)])
     blip = np.concatenate([np.full(970, 3.0), np.full(30, 20.0)])
     flights = [covering("a", ground_speed=SLOW), covering("b", ground_speed=near), covering("c", ground_speed=blip)]
@@ -178,20 +177,15 @@ def test_ranges_below_are_left_too_and_angles_are_told_in_degrees():
         "air density down to 0.9 kg/m^3 (fitted from 1.2 kg/m^3)" in ranges.findings[0].reason
     )
     assert "tilt up to 17.2° (fitted to 5°)" in ranges.findings[0].reason
-    assert readable("rad/s", pi / 6) == "30°/s"
-
-
-def test_where_the_position_is_poor_nothing_is_called_extrapolation():
+    assert readable("part of full thrust", 0.65) == "65 % of full thrust"
+    # Nor where the position is poor.
     lost = covering("b", ground_speed=np.full(900, 25.0))
     lost = dataclasses.replace(lost, coverage=coverage_of(lost.coverage, health={"position_sigma": {"max": 18.0}}))
     assert not envelope([covering("a", ground_speed=SLOW), lost], ["a"], ["b"]).outside
-
-
-def test_how_far_is_told_by_what_was_flown_and_not_by_a_blip():
+    # How far is told by what was flown, and not by a blip.
     mostly = np.concatenate([np.full(980, 12.5), np.full(20, 30.0)])
     ranges = envelope([covering("a", ground_speed=SLOW), covering("b", ground_speed=mostly)], ["a"], ["b"])
     assert ranges.outside[0].reach == 12.5
-    assert readable("part of full thrust", 0.65) == "65 % of full thrust"
 
 
 def test_flights_without_coverage_leave_no_trace_and_no_error():

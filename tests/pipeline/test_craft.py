@@ -38,9 +38,10 @@ def test_flights_of_one_simulated_place_and_time_are_told_by_their_clocks():
     assert same_flight(roll, dataclasses.replace(pitch, format="tlog"))  # of another clock
 
 
-def test_crafts_are_kept_apart_and_flights_without_motors_left_out():
+def test_crafts_are_kept_apart_and_flights_without_motors_or_position_left_out():
     bare = dataclasses.replace(flown("d", lat=0.3), experiments=())
-    crafts = by_craft([flown("c", craft="quad", lat=0.1), flown("b"), flown("a", lat=0.2), bare])
+    drifted = dataclasses.replace(flown("e", lat=0.4), position_known=False)
+    crafts = by_craft([flown("c", craft="quad", lat=0.1), flown("b"), flown("a", lat=0.2), bare, drifted])
     assert [[flight.name for flight in craft] for craft in crafts] == [["c"], ["a", "b"]]
 
 
@@ -48,19 +49,11 @@ def test_board_ids_tell_twins_apart_but_not_in_a_simulator():
     twins = [dataclasses.replace(OCTA, board_id=board) for board in ("one", "two")]
     assert len({fingerprint(twin, {}, simulated=False) for twin in twins}) == 2
     assert len({fingerprint(twin, {}, simulated=True) for twin in twins}) == 1
-
-
-def test_tuning_tells_crafts_apart_where_no_board_id_does():
+    # Tuning tells them apart where no board id does.
     gains = [{"ATC_RAT_RLL_P": 0.135}, {"ATC_RAT_RLL_P": 0.4}]
     assert len({fingerprint(OCTA, gain, simulated=False) for gain in gains}) == 2
     known = dataclasses.replace(OCTA, board_id="one")
     assert len({fingerprint(known, gain, simulated=False) for gain in gains}) == 1, "tuning must not split a craft"
-
-
-def test_what_drifted_without_gps_is_no_flight_to_fit():
-    lost = dataclasses.replace(flown("a"), position_known=False)
-    crafts = by_craft([lost, flown("b", lat=0.2)])
-    assert [[flight.name for flight in craft] for craft in crafts] == [["b"]]
 
 
 @settings(max_examples=60, deadline=None)
@@ -104,9 +97,7 @@ def test_a_changed_tune_is_said_between_the_flights_where_it_changed():
     assert (change.id, change.evidence["before"], change.evidence["after"]) == ("tune-changed", "1", "2")
     assert "ATC_RAT_RLL_P 0.135 → 0.18" in change.reason
     assert not changes(flights[:2])
-
-
-def test_a_parameter_that_a_log_lacks_did_not_change():
+    # What a log lacks did not change.
     assert not changes([flown("a", tune={"PSC_VELXY_P": 2.0}), flown("b", tune={})])
 
 

@@ -94,10 +94,3 @@ def test_an_experiment_comes_back_to_the_last_bit(flights, tmp_path):
             pd.testing.assert_frame_equal(one, other, check_exact=True)
         else:
             assert one == other, field.name
-
-
-def test_an_experiment_of_arrays_alone_comes_back(flights, tmp_path):
-    bare = dataclasses.replace(flights[0].experiment, vehicle=None, units={})
-    dataset.write_experiment(bare, tmp_path / "part.parquet")
-    read = dataset.read_experiment((tmp_path / "part.parquet").read_bytes())
-    assert (read.vehicle, read.context, read.units) == (None, None, {})

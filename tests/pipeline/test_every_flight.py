@@ -33,14 +33,6 @@ def test_a_log_of_one_flight_is_that_log():
 
 
 @shared
-def test_flights_of_one_power_up_share_what_was_read():
-    first, second = read_flights(SHARED / "sitl" / "octa15_two_flights_logdisarmed.BIN")
-    assert first.flights == second.flights == (first.flight, second.flight)
-    assert first.tables is second.tables
-    assert first.messages is second.messages
-
-
-@shared
 def test_flights_of_several_power_ups_come_in_the_order_of_the_file():
     logs = read_flights(SHARED / "real" / "pypi-fasttlogparser__pymavlink_flight.tlog")
     assert len(logs) == 11
@@ -107,9 +99,7 @@ def test_usual_flights_and_those_with_chirps_count_as_a_whole() -> None:
     assert busiest(_log(), usual) == usual
     assert part_findings(usual, usual) == ()
     assert busiest(_log(pd.DataFrame({"axis": [10.0]})), HOURS) == HOURS
-
-
-def test_without_targets_and_attitude_it_is_the_first_half_hour() -> None:
+    # Where neither targets nor attitude are logged it is the first half hour.
     assert busiest(SimpleNamespace(tables=Tables()), HOURS) == Span(100.0, 100.0 + LONGEST)
 
 

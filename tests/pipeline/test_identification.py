@@ -16,7 +16,7 @@ from core.serialization import as_json
 from estimation.trust import inconsistent
 from logparse import MissingDataError, read_log
 from pipeline import AnalysisConfig, ConfigError, analyze
-from pipeline.execution.stages import STAGES, Overall, Stages, silent
+from pipeline.execution.stages import Stages, silent
 from pipeline.fleet import crafts
 from pipeline.fleet.split import choose_split
 from pipeline.flight.identification import identify
@@ -27,7 +27,6 @@ from pipeline.results.failure import Failure
 from pipeline.storage.dataset import EXPERIMENTS, part, write_experiments
 from pipeline.storage.store import open_store
 from reports.pages.tables import tables_page
-from reports.views.models import orders
 from tests.paths import SAMPLES
 from tests.pipeline.builders import flight as moving
 from tests.reports.builders import validator_of
@@ -59,10 +58,6 @@ def test_orders_are_scanned_without_the_part_that_judges(scanned, parts):
     assert all(name.startswith(parts[0].name) for name in scanned.report.orders.held_out)
     # The craft is of second order in every axis.
     assert scanned.report.orders.recommended[0] == 2
-    table = orders(scanned.report.orders)
-    assert [row.label for row in table.rows][:2] == ["1 / 0", "2 / 0"]
-    assert sum(row.kind == "average" for row in table.rows) == 1
-    assert len(table.heads) == len(table.rows[0].cells) == 9
 
 
 def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
@@ -75,16 +70,6 @@ def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
     failure = Failure("motors", "two identical motors")
     assert (result.model, result.validation, result.predictions) == (failure, None, ())
     assert result.report.model is None
-
-
-def test_every_kind_has_a_stage_and_progress_never_goes_back():
-    assert all(kind.key in STAGES for kind in KINDS)
-    heard = []
-    report = Overall(lambda title, fraction: heard.append(fraction))
-    for stage in ("experiment", "motors", "validation", "experiment", "mixer", "validation"):
-        report(stage, 0.0)
-        report(stage, 1.0)
-    assert heard == sorted(heard)
 
 
 # Joint models of a craft: the same from other processes, and never lost with one of them.

@@ -6,9 +6,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from pipeline.fleet.review import RATE, review
+from pipeline.fleet.review import review
 from pipeline.results.drift import CraftNote
-from tests.forms import short_and_whole
 from tests.pipeline.builders import START, hovering
 from tests.pipeline.histories import flights_of, series
 
@@ -24,15 +23,14 @@ def alerts_of_a_life(flights):
     return counts
 
 
-@pytest.mark.parametrize("histories", short_and_whole(50, 400))
-def test_of_honest_histories_below_1_percent_raise_an_alarm(histories):
+def test_of_honest_histories_below_1_percent_raise_an_alarm():
     """Each is looked at after each of its 4 to 16 flights: the chance of any alarm at all is bounded by RATE.
 
-    At that rate one set of 50 in seventy has more than two.
+    At that rate one set of 100 in fifty has more than three.
     """
     random = np.random.default_rng(20261122)
-    lives = (alerts_of_a_life(flights_of(series(random, int(random.integers(4, 17))))) for _ in range(histories))
-    assert sum(bool(life) for life in lives) <= max(2, histories * RATE)
+    lives = (alerts_of_a_life(flights_of(series(random, int(random.integers(4, 17))))) for _ in range(100))
+    assert sum(bool(life) for life in lives) <= 3
 
 
 @pytest.mark.parametrize("frame", ["quad", "octa"])
@@ -111,8 +109,3 @@ def test_another_scaling_of_commands_is_not_pooled():
     reviewed = review(flights, now=NOW)
     assert reviewed.pooled == ("f03", "f04")
     assert "3 of the flights were flown with another build" in reviewed.remarks[0]
-
-
-def test_nothing_to_look_at():
-    reviewed = review([], now=NOW)
-    assert (reviewed.flights, reviewed.drift, reviewed.alerts) == ((), None, ())

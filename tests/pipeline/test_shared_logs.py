@@ -20,10 +20,10 @@ def logs() -> list[Path]:
     return sorted(paths, key=lambda path: path.stat().st_size)
 
 
-@pytest.fixture(scope="module", params=short_and_whole(6, None), ids=["small", "all"])
+@pytest.fixture(scope="module", params=short_and_whole(slice(6), slice(0, None, 2)), ids=["small", "every second"])
 def asked(request) -> list[Path]:
-    """Return the smallest logs, or all."""
-    return logs()[: request.param]
+    """Return the smallest logs, or every second by size: what is told of each flight is looked at for all of them."""
+    return logs()[request.param]
 
 
 @pytest.fixture(scope="module")

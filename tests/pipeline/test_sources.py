@@ -11,7 +11,7 @@ import pytest
 
 from pipeline import AnalysisConfig
 from pipeline.names import folder_names, printable
-from pipeline.storage import inventory, sources
+from pipeline.storage import inventory
 from pipeline.storage.inventory import flight_names, index_sources
 from pipeline.storage.manifest import Manifest
 from pipeline.storage.sources import digest, fetched, find
@@ -104,14 +104,6 @@ def test_storage_that_fails_in_its_own_way_is_a_failure_of_its_own():
         pass
 
 
-@pytest.mark.parametrize(
-    ("file", "log"),
-    [("a.BIN", True), ("a.bin.gz", True), ("a.tlog.zip", True), ("a.gz", False), ("a.json", False), ("bin", False)],
-)
-def test_endings_promise_logs(file, log):
-    assert sources.called_a_log(file) is log
-
-
 # Records of files: copies told by content, names unique and kept, nothing read twice without need.
 
 
@@ -174,16 +166,6 @@ def test_only_files_written_since_are_read_again(tmp_path, monkeypatch):
     after = stock(tmp_path, former)
     assert sorted(read) == [str(tmp_path / "b.bin"), str(tmp_path / "c.bin")]
     assert [new.key == old.key for new, old in zip(after, former.logs, strict=True)] == [True, False, True]
-
-
-def test_keys_follow_content_name_and_settings_but_not_the_choice_of_flights(tmp_path):
-    (tmp_path / "a.bin").write_bytes(b"1")
-    (plain,) = stock(tmp_path)
-    (chosen,) = stock(tmp_path, config=AnalysisConfig(training=("a",), validation=("b",)))
-    (other,) = stock(tmp_path, config=AnalysisConfig(poles=4))
-    assert plain.key == chosen.key != other.key
-    (tmp_path / "a.bin").rename(tmp_path / "b.bin")
-    assert stock(tmp_path)[0].key != plain.key
 
 
 @pytest.mark.parametrize(("name", "state"), [("a.bin", "failed"), ("a.txt", "no log")])

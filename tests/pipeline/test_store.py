@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 
 from core.serialization import as_json, plain, restored
-from pipeline.config import ConfigError
 from pipeline.flight.summary import TRACK_ROWS, flight_entry, partition
 from pipeline.results.failure import Failure
 from pipeline.results.fleet import FlightEntry
 from pipeline.storage.store import ENTRY, SCRATCH, ObjectStore, Store, TemporaryStore, open_store
-from tests.paths import ROOT
 from tests.reports.conftest import made_flight
 
 
@@ -74,12 +72,6 @@ def test_files_are_replaced_and_broken_json_counts_as_none(store):
     assert store.read_json("manifest.json/below.json") is None
 
 
-def test_urls_are_told_from_folders(tmp_path):
-    assert isinstance(open_store(str(tmp_path)), Store)
-    assert isinstance(open_store("memory://x"), ObjectStore)
-    assert open_store((tmp_path / "a b").as_uri()).folder == tmp_path / "a b"
-
-
 def test_an_entry_goes_first_and_comes_last_among_objects(monkeypatch):
     store = ObjectStore("memory://ordered/out")
     commit(store, "flights/a", entry="{}", report="1")
@@ -114,23 +106,6 @@ def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch):
     assert store.names(SCRATCH) == []
 
 
-def test_only_one_run_writes_and_what_a_killed_one_left_goes(tmp_path):
-    store = Store(tmp_path)
-    killed = (
-        "import os, signal, sys\nfrom pathlib import Path\nfrom pipeline.storage.store import Store\n"
-        "store = Store(Path(sys.argv[1]))\n"
-        "with store.locked(), store.scratch() as scratch:\n"
-        "    (scratch / 'half').write_bytes(b'x')\n"
-        "    os.kill(os.getpid(), signal.SIGKILL)\n"
-    )
-    subprocess.run([sys.executable, "-c", killed, str(tmp_path)], check=False, timeout=60, cwd=ROOT)
-    assert len(store.names(SCRATCH)) == 1
-    with store.locked():
-        assert store.names(SCRATCH) == []
-        with pytest.raises(ConfigError, match="another run"), Store(tmp_path).locked():
-            pass
-
-
 def test_a_temporary_store_goes_with_its_last_reference():
     store = TemporaryStore()
     store.write_json("a.json", 1)
@@ -154,6 +129,11 @@ def test_a_flight_survives_json():
     assert entry.experiments == ("motors",)
     assert "voltage" in entry.missing["thrust"]
     assert "not asked for" in entry.missing["motors"]
+    grounded = Failure("flight", "the log shows no flight")
+    bare = dataclasses.replace(FLIGHT, flight=grounded, trajectory=grounded, experiments={}, models=())
+    entry = flight_entry(bare, folder="a", source="a.bin", key="k")
+    assert restored(json.loads(json.dumps(plain(entry), allow_nan=False)), FlightEntry) == entry
+    assert (entry.track, entry.position_known) == ((), False)
 
 
 #: Eight threads that read the same entry before anybody read one.
@@ -172,6 +152,12 @@ for thread in threads: thread.join()
 """
 
 
+def test_urls_are_told_from_folders(tmp_path):
+    assert isinstance(open_store(str(tmp_path)), Store)
+    assert isinstance(open_store("memory://x"), ObjectStore)
+    assert open_store((tmp_path / "a b").as_uri()).folder == tmp_path / "a b"
+
+
 def test_the_first_entries_may_be_read_by_several_threads_at_once():
     """Half of all second runs over a folder ended by a segmentation fault."""
     entry = as_json(flight_entry(FLIGHT, folder="a", source="a.bin", key="k"))
@@ -185,15 +171,6 @@ def test_an_entry_of_another_version_is_refused_and_not_half_read():
     for old in (facts | {"coverage": {}}, facts | {"flight": [1.0, 2.0]}, {"key": "k"}, [], "x"):
         with pytest.raises(ValueError, match=r"\$|Expected|Object"):
             restored(old, FlightEntry)
-
-
-def test_a_log_without_a_flight_survives_json():
-    grounded = Failure("flight", "the log shows no flight")
-    bare = dataclasses.replace(FLIGHT, flight=grounded, trajectory=grounded, experiments={}, models=())
-    entry = flight_entry(bare, folder="a", source="a.bin", key="k")
-    assert restored(json.loads(json.dumps(plain(entry), allow_nan=False)), FlightEntry) == entry
-    assert entry.track == ()
-    assert not entry.position_known
 
 
 def test_the_track_follows_the_trajectory():
