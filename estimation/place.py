@@ -66,7 +66,7 @@ class LocalFrame:
 
 @dataclass(frozen=True, slots=True)
 class World:
-    """What surrounds the craft: gravity [m/s^2] and Earth's rotation in NED [rad/s], shape (3,)."""
+    """Gravity [m/s^2] and Earth's rotation in NED [rad/s], shape (3,)."""
 
     gravity: float
     earth_rate: np.ndarray

@@ -1,4 +1,4 @@
-"""The result of estimation: where the craft was, how fast, how turned, and how sure we are."""
+"""The result of estimation: position, velocity and attitude over time, with their covariance."""
 
 import math
 from collections.abc import Mapping
@@ -45,13 +45,13 @@ SIGMA_COLUMNS: Mapping[str, str] = {
 }
 
 
-#: Largest horizontal 1-sigma, m, at which a position is still one: what drifts further was not measured.
+#: Largest horizontal 1-sigma, m, at which the position counts as known: what drifts further was not measured.
 POSITION_KNOWN = 25.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trajectory(Summarised):
-    """A flight as the estimator sees it."""
+    """The estimated motion of a log, and what the estimator found of its sensors."""
 
     states: pd.DataFrame  #: Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
     sigma: pd.DataFrame  #: Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
@@ -66,7 +66,7 @@ class Trajectory(Summarised):
 
     @property
     def inconsistency(self) -> str:
-        """Why nothing may be concluded from it: the reason of `trajectory-inconsistent`; empty when it can be used."""
+        """Why the trajectory must not be used, as the finding `trajectory-inconsistent` has it; empty if it may."""
         return next((f.reason for f in self.findings if f.id == "trajectory-inconsistent"), "")
 
     def unknown_position(self, start: float, stop: float) -> str:

@@ -287,12 +287,9 @@ def _fit(
     stages: Stages,
 ) -> _Fitted:
     """Fit every kind of model to the beginning of the flight's part that models are of, and validate it on the rest."""
-    if isinstance(flight, Failure):
-        return _nothing_fitted(flight.reason)
-    if isinstance(part, Failure):
-        return _nothing_fitted(part.reason)
-    if isinstance(trajectory, Failure):
-        return _nothing_fitted(trajectory.reason)
+    if isinstance(flight, Failure) or isinstance(part, Failure) or isinstance(trajectory, Failure):
+        missing = next(stage for stage in (flight, part, trajectory) if isinstance(stage, Failure))
+        return _nothing_fitted(missing.reason)
     thrust: sysid.ThrustModel | Failure = Failure("thrust", "no kind of model uses motor outputs")
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []

@@ -69,11 +69,16 @@ class PredictionUse:
         if not horizons:
             no = "no (at no horizon every axis has half the error of constant position and velocity)"
             return cls(judged=True, sentence=f"prediction: {no}")
-        first, last = horizons[0], horizons[-1]
-        span = f"up to {last:g} s" if first <= 0.1 else f"{last:g} s" if first == last else f"{first:g} to {last:g} s"
-        metres = ", ".join(f"{error:#.3g}".rstrip(".") for error in errors.values())
-        sentence = f"prediction: {span} ahead (there {metres} m in {joined(list(errors))})"
-        return cls(horizons_s=horizons, horizon_s=last, rmse_m=errors, judged=True, sentence=sentence)
+        sentence = f"prediction: {_ahead(horizons, errors)}"
+        return cls(horizons_s=horizons, horizon_s=horizons[-1], rmse_m=errors, judged=True, sentence=sentence)
+
+
+def _ahead(horizons: tuple[float, ...], errors: Mapping[str, float]) -> str:
+    """Write how far ahead predictions are worth having, and their errors [m] by output at the last horizon [s]."""
+    first, last = horizons[0], horizons[-1]
+    span = f"up to {last:g} s" if first <= 0.1 else f"{last:g} s" if first == last else f"{first:g} to {last:g} s"
+    metres = ", ".join(f"{error:#.3g}".rstrip(".") for error in errors.values())
+    return f"{span} ahead (there {metres} m in {joined(list(errors))})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -226,11 +231,11 @@ class Uses:
 def overall(uses: Mapping[str, Uses]) -> Verdict:
     """Sum up several models of one motion: what the best can be trusted with, and what holds for the others."""
     verdict = _summed({title: use.free_run.verdict for title, use in uses.items()})
-    ahead = {title: use.prediction for title, use in uses.items() if use.prediction.horizon_s is not None}
+    ahead = {title: use.prediction for title, use in uses.items() if use.prediction.horizons_s}
     if not ahead:
         return verdict
-    best = max(ahead, key=lambda title: ahead[title].horizon_s or 0.0)
-    reach = ahead[best].sentence.removeprefix("prediction: ")
+    best, use = max(ahead.items(), key=lambda item: item[1].horizons_s[-1])
+    reach = _ahead(use.horizons_s, use.rmse_m)
     return Verdict(verdict.trust, f"{verdict.sentence} With measurements {best} predicts {reach}.")
 
 
