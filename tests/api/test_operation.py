@@ -114,23 +114,6 @@ def fill(path: Path) -> None:
                 continue
 
 
-def test_results_that_do_not_fit_end_an_analysis_with_that_reason(
-    tmp_path: Path, upload: Upload, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with served(data=tmp_path, workers=1) as client:
-        put = type(client.parts.objects).put
-
-        def full(objects: object, source: Path, key: str) -> None:
-            if key.endswith("report.json"):
-                raise OSError(errno.ENOSPC, "No space left on device")
-            put(objects, source, key)  # type: ignore[arg-type]
-
-        monkeypatch.setattr("pipeline.storage.store.Store.put", full)
-        refused = upload(client, b"good log")
-        assert refused.status_code == 507
-        assert "No space left" in refused.json()["detail"]
-
-
 def test_a_folder_that_became_read_only_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with served(data=tmp_path, workers=1) as client:
 

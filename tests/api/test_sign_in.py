@@ -117,8 +117,3 @@ def test_a_key_ends_with_its_token(guarded: Guarded, analysis: str) -> None:
     assert guarded.get(f"/reports/{key}/report.html").status_code == 200
     guarded.tokens.revoke(guarded.tokens.list()[-1].id)
     assert guarded.get(f"/reports/{key}/report.html").status_code == 404
-
-
-def test_an_open_service_asks_for_no_token(service: httpx.Client) -> None:
-    answer = service.get("/sign-in?next=/docs")
-    assert (answer.status_code, answer.headers["Location"]) == (303, "/docs")

@@ -5,7 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
-from importlib import import_module
+from pkgutil import resolve_name
 
 import pytest
 from typer.main import get_command
@@ -14,45 +14,26 @@ from rotorid.cli.main import app
 from tests.paths import ROOT
 
 DOCS = ROOT / "docs"
-PAGE = (DOCS / "architecture.md").read_text(encoding="utf-8")
-STEPS = re.findall(r"^\d+\. (.*(?:\n   .*)*)", PAGE, re.MULTILINE)
 NAME = re.compile(r"`((?:rotorid|pipeline|core|logparse|estimation|sysid|reports)\.[\w.]+)`")
-NAMES = sorted(set(NAME.findall(PAGE)))
 
 
-def named(name):
-    """Return what a dotted name of the page names."""
-    parts = name.split(".")
-    for end in range(len(parts), 0, -1):
-        try:
-            module = import_module(".".join(parts[:end]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[end:]:
-            module = getattr(module, part)
-        return module
-    raise AssertionError(name)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_every_name_exists(name):
-    """Stale cross-references are found here."""
-    named(name)
+def test_every_name_of_the_architecture_exists():
+    names = set(NAME.findall((DOCS / "architecture.md").read_text(encoding="utf-8")))
+    assert len(names) > 20
+    for name in names:
+        resolve_name(name)  # raises on what is not there
 
 
 COMMANDS = get_command(app).commands
 SHOWN = re.findall(r"^\| `rotorid (.*?)` \|", (DOCS / "commands.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
-def test_every_command_is_there():
+def test_every_command_is_there_with_the_options_that_are_shown():
     assert {words.split()[0] for words in SHOWN} == set(COMMANDS)
-
-
-@pytest.mark.parametrize("words", SHOWN)
-def test_every_option_exists(words):
-    name, *arguments = shlex.split(words)
-    options = {option for param in COMMANDS[name].params for option in (*param.opts, *param.secondary_opts)}
-    assert {word for word in arguments if word.startswith("--")} <= options
+    for words in SHOWN:
+        name, *arguments = shlex.split(words)
+        options = {option for param in COMMANDS[name].params for option in (*param.opts, *param.secondary_opts)}
+        assert {word for word in arguments if word.startswith("--")} <= options, words
 
 
 PACKAGES = ("logparse", "estimation", "sysid", "pipeline", "reports", "simulation")

@@ -1,4 +1,4 @@
-"""One log from the command to the page: what is imported, compiled and called when, what is printed and left."""
+"""One log from the command to the page: what is imported and compiled, what is printed and left."""
 
 import json
 import os
@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import pytest
 
-from tests.docs.test_pages import NAME, STEPS, named
 from tests.paths import SAMPLES
 from tests.reports.builders import validator_of
 
@@ -37,23 +36,18 @@ LATE = (
 )
 
 
-#: Runs a command and writes down what was imported; functions in the order in which each was first called; how many
-#: kernels were called with arguments that `KERNELS` or annotations foresee, and which with others.
+#: Runs a command and writes down what was imported, how many kernels were called with arguments that `KERNELS` or
+#: annotations foresee, and which with others.
 TRACED = """
 import json, os, sys
 
 # On one processor no copy of the process calls what is not seen here.
 os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
-written, called = sys.argv.pop(1), {}
-def notice(frame, event, argument):
-    if event == "call":
-        called.setdefault((frame.f_globals.get("__name__"), frame.f_code.co_qualname), None)
-sys.setprofile(notice)
+written = sys.argv.pop(1)
 from rotorid.cli.main import main
 try:
     main()
 finally:
-    sys.setprofile(None)
     modules = list(sys.modules)
     from core.compiled import argument_types
     from pipeline.execution.compiling import KERNELS
@@ -69,17 +63,16 @@ finally:
     used = {(kernel.py_func, types) for kernel in kernels for types in kernel.signatures}
     unforeseen = sorted(function.__qualname__ for function, _ in used - foreseen)
     with open(written, "w") as file:
-        json.dump([modules, [f"{module}.{name}" for module, name in called], len(used & foreseen), unforeseen], file)
+        json.dump([modules, len(used & foreseen), unforeseen], file)
 """
 
 
 class Analysed(NamedTuple):
-    """What an analysis by the command line printed, left behind, imported and called."""
+    """What an analysis by the command line printed, left behind, imported and compiled."""
 
     run: subprocess.CompletedProcess
     out: Path
     modules: set[str]
-    called: list[str]
     foreseen: int
     unforeseen: set[str]
 
@@ -94,8 +87,8 @@ def analysed(tmp_path_factory):
     environment = os.environ | {"COLUMNS": "100", "NO_COLOR": "1"}
     run = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     assert run.returncode == 0, run.stderr
-    modules, called, foreseen, unforeseen = json.loads(trace.read_text())
-    return Analysed(run, out, set(modules), called, foreseen, set(unforeseen))
+    modules, foreseen, unforeseen = json.loads(trace.read_text())
+    return Analysed(run, out, set(modules), foreseen, set(unforeseen))
 
 
 def test_one_log_from_file_to_report(analysed):
@@ -123,19 +116,6 @@ def test_one_log_from_file_to_report(analysed):
     assert {path.name for path in analysed.out.iterdir()} == files
     validator_of("flight").validate(numbers)
     validator_of("models").validate(json.loads((analysed.out / "models.json").read_text("utf-8")))
-
-
-def test_a_log_passes_every_function_of_the_walk_in_its_order(analysed):
-    """Of docs/architecture.md, whose names `tests/docs` looks up."""
-    walk = [
-        [function for function in map(named, NAME.findall(step)) if hasattr(function, "__code__")] for step in STEPS
-    ]
-    places = [
-        [analysed.called.index(f"{function.__module__}.{function.__qualname__}") for function in step] for step in walk
-    ]
-    # What steps 5 to 12 do runs within step 13.
-    first = [min(place) for place in (*places[1:12], *places[13:])]
-    assert first == sorted(first)
 
 
 def imported(script: str) -> set[str]:
