@@ -1,5 +1,6 @@
 """What the OpenAPI document promises holds for whatever requests can be made of it."""
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -11,6 +12,7 @@ from api import Settings
 from tests.api import flights
 from tests.api.conftest import Upload, served
 from tests.api.programs import PATIENCE
+from tests.paths import ROOT
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +33,10 @@ def test_the_document_is_valid_and_no_two_types_have_one_name(document: dict[str
     """Two types of one name, which FastAPI tells apart by their modules, once cost a generated client an answer."""
     pytest.importorskip("openapi_spec_validator").validate(document)
     assert not [name for name in document["components"]["schemas"] if "__" in name]
+    asked = re.findall(r"rotorid_client\.api\.\w+ import (\w+)", (ROOT / "docs" / "service.md").read_text("utf-8"))
+    names = {operation["operationId"] for path in document["paths"].values() for operation in path.values()}
+    assert len(asked) == 1
+    assert set(asked) <= names, "by this name the client of docs/service.md imports it"
 
 
 @pytest.mark.slow

@@ -23,7 +23,6 @@ from sysid.loops.search import AxisTuning
 from sysid.loops.tuning import Tuning
 from tests.pipeline.builders import margins, turning
 from tests.reports.builders import validator_of
-from tests.reports.conftest import made_flight
 
 UNIT = "m/s^2, one motor at full command in sea-level air"
 
@@ -116,8 +115,8 @@ def test_the_view_has_margins_and_reasons():
     assert rotation_view(None, "flight.bin") is None
 
 
-def test_page_and_numbers_hold_it(tmp_path):
-    flight = replace(made_flight("a", seed=1, fit=False), rotation=turning(margins(9.0, 60.0)))
+def test_page_and_numbers_hold_it(other, tmp_path):
+    flight = replace(other, rotation=turning(margins(9.0, 60.0)))
     reports.write(flight, tmp_path)
     page = (tmp_path / "models.html").read_text("utf-8")
     assert page.count('id="turns"') == page.count('id="loops"') == 1

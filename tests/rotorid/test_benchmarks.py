@@ -31,19 +31,6 @@ def test_a_ratio_that_fell_by_more_than_half_is_named() -> None:
     assert runner.fallen(rows, {"gone": 1.0}) == ["gone: not measured, stored 1.00"]
 
 
-def test_the_table_takes_the_place_of_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "PAGE", tmp_path / "benchmarks.md")
-    runner.PAGE.write_text("# Real flights\n\nscores\n")
-    for ours in ("2 s", "1 s"):
-        row = ("sysid", "a fit", ours, "5 s", "5", "< 1.5 s")
-        runner.write(runner.page([(*row, runner.met(row[1:]))], "Python"))
-    text = runner.PAGE.read_text()
-    assert "| a fit | 1 s |" in text
-    assert "| a fit | 2 s |" not in text
-    assert "Of 1 goals 0 are missed" in text
-    assert text.endswith("# Real flights\n\nscores\n")
-
-
 def test_a_benchmark_that_fails_or_does_not_end_is_a_row() -> None:
     assert runner.measure("no_such_benchmark", [], 60.0)[0][0].startswith("failed: ")
     assert runner.measure("short", [], 0.01)[0][0] == "not run: out of time"
