@@ -47,10 +47,7 @@ class Consensus:
 def consensus(statements: Sequence[Statement]) -> Consensus | None:
     """Choose the surest method that at least half of the others agree with; None without a trusted method.
 
-    A method with the thrust curve of the parameters and one that fits its own err differently in it: where they agree,
-    their mean weighted by their variances counts, so that a small difference between two errors decides nothing. They
-    share the flight, so that the mean is no surer than the surest. Where methods disagree, the standard error covers
-    them: half of the distance between the farthest.
+    Where methods disagree, the standard error covers them: half of the distance between the farthest.
     """
     ranked = sorted(
         (statement for statement in statements if statement.method in TRUSTED), key=lambda statement: statement.sigma
@@ -60,14 +57,10 @@ def consensus(statements: Sequence[Statement]) -> Consensus | None:
     against = [[other for other in ranked if _apart(statement, other)] for statement in ranked]
     place = next((k for k, others in enumerate(against) if 2 * len(others) <= len(ranked) - 1), 0)
     chosen, sigma = ranked[place], ranked[place].sigma
-    apart = (other for other in ranked if (other.curve > 0.0) != (chosen.curve > 0.0) and other not in against[place])
-    value, other = chosen.value, next(apart, None)
-    if other is not None:
-        value += (other.value - value) * sigma**2 / (sigma**2 + other.sigma**2)
     if any(against):
         values = [statement.value for statement in ranked]
         sigma = float(np.hypot(sigma, 0.5 * (max(values) - min(values))))
-    return Consensus(value, sigma, chosen.method, tuple(statement.method for statement in against[place]))
+    return Consensus(chosen.value, sigma, chosen.method, tuple(statement.method for statement in against[place]))
 
 
 def disagreement(statements: Mapping[str, Sequence[Statement]]) -> Finding | None:

@@ -180,7 +180,7 @@ def physical_parameters(
     _add_hover(numbers, hover, vehicle.thrust_expo, rigid_body)
     _widen_by_curve(numbers, hover, vehicle.thrust_expo, rigid_body)
     air = shared_air(records)
-    disagree = _conclude(numbers, air, rigid_body)
+    disagree = _conclude(numbers, air)
     table = _table(numbers, air, mass, arm)
     return PhysicalParameters(table, thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,))
 
@@ -360,23 +360,13 @@ def _thrust_at(body: RigidBodyModel, command: float) -> tuple[float, float]:
     return thrust * part, float(np.sqrt(max(float(weights @ body.covariance @ weights), 0.0)))
 
 
-def _conclude(numbers: _Numbers, air: float, body: RigidBodyModel | None) -> Finding | None:
-    """Enter the consensus on every parameter; return the finding where methods disagree.
-
-    At full command the rigid body counts even where its thrust is too uncertain to be stated: the others use a curve
-    that nobody measured, and the headline would leap to the rigid body's as soon as that were a little surer (from 11.2
-    to 8.2 m/s^2 in spark404 without four blocks of its file).
-    """
+def _conclude(numbers: _Numbers, air: float) -> Finding | None:
+    """Enter the consensus on every parameter; return the finding where methods disagree."""
     stated: dict[str, list[Statement]] = {}
     for (parameter, method), number in numbers.items():
         if np.isfinite([number.value, number.sigma]).all() and number.sigma > 0.0:
             statement = Statement(method, number.value, number.sigma, number.curved * number.value)
             stated.setdefault(parameter, []).append(statement)
-    thrust = stated.get("thrust over mass", [])
-    if body is not None and thrust and not any(statement.method == "rigid body" for statement in thrust):
-        value, sigma = _thrust_at(body, 1.0)
-        if 0.0 < sigma < value:
-            thrust.append(Statement("rigid body", value, sigma))
     for parameter, statements in stated.items():
         best = consensus(statements)
         if best is None:

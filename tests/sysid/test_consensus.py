@@ -42,19 +42,6 @@ def test_a_curve_that_two_methods_share_does_not_excuse_their_difference():
     assert disagreement({"thrust over mass": apart}) is None
 
 
-def test_a_curve_taken_as_given_and_one_that_was_found_make_one_number_between_them():
-    """spark404: 8.3 ± 1.2 by a curve of its own, 11.2 ± 1.7 by that in the parameters; damage turned who is surer."""
-    given = [Statement(method, 11.2, 1.7, 1.6) for method in TRUSTED[1:]]
-    values = []
-    for sigma in (1.6, 1.8):
-        best = consensus([Statement("rigid body", 8.3, sigma), *given])
-        assert best.sigma == pytest.approx(min(sigma, 1.7))
-        values.append(best.value)
-    assert abs(values[0] - values[1]) < 0.2
-    sure = consensus([Statement("rigid body", 8.3, 0.05), *given])
-    assert sure.value == pytest.approx(8.3, abs=0.01)
-
-
 def test_one_against_all_is_not_the_headline():
     statements = [said("rigid body", 3.03, own=0.001), *(said(method, 3.21) for method in TRUSTED[1:])]
     best = consensus(statements)
