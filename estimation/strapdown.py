@@ -40,7 +40,7 @@ from estimation.trust import (
     stuck_magnetometer,
 )
 from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
-from logparse import Geodetic, MissingDataError, Tables
+from logparse import Finding, Geodetic, MissingDataError, Tables
 
 #: Rows of the trajectory that are smoothed at a time; a multiple of `_kernels.SLOW_EVERY`.
 PIECE = 512
@@ -134,27 +134,65 @@ def estimate_strapdown(
     noise: SensorNoise,
     smoothed: bool,
 ) -> Trajectory:
-    """Filter and smooth every segment of the IMU."""
+    """Filter and smooth every segment of the IMU, and lay their rows out as one trajectory."""
     place = Surroundings.of(tables, date)
-    mag = usable_field(tables.mag) is not None
+    rows, remarks = _estimate_log(tables, place, rate, (start, stop), noise, smoothed=smoothed)
+    index = pd.Index(np.concatenate([segment.t for segment in rows]), name="t")
+    errors = _sensor_errors(rows)
+    states = _states(rows, index, errors)
+    # States are as large as the log again, and the estimates that they were made of are needed no longer.
+    rows = [
+        replace(segment, estimates=segment.estimates._replace(x=np.empty(0)), rates=np.empty(0), forces=np.empty(0))
+        for segment in rows
+    ]
+    sigma = _sigma(rows, index, errors)
+    doubts = [*remarks.doubts, *impossible_biases(states)]
+    if place.origin is not None:
+        doubts += contradicted_receiver(tables, states, place.origin, remarks.gps_lag)
+    covariances = [segment.estimates.covariance for segment in rows]
+    return Trajectory(
+        states=states,
+        sigma=sigma,
+        covariance=np.concatenate(covariances) if len(covariances) > 1 else covariances[0],
+        origin=place.origin or Geodetic(float("nan"), float("nan"), 0.0),
+        method="strapdown",
+        diagnostics=remarks.diagnostics,
+        findings=(*remarks.findings, *only_one_withdrawal(doubts)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Remarks:
+    """What the filter found of itself and of the sensors."""
+
+    findings: list[Finding]
+    doubts: list[Finding]  #: Of which one may withdraw the trajectory.
+    diagnostics: dict[str, object]
+    gps_lag: float  #: Beyond that of the tables, s.
+
+
+def _estimate_log(
+    tables: Tables,
+    place: Surroundings,
+    rate: float,
+    span: tuple[float | None, float | None],
+    noise: SensorNoise,
+    *,
+    smoothed: bool,
+) -> tuple[list[_Rows], _Remarks]:
+    """Estimate every segment of a log.
+
+    Segments and filters, which are as large as the IMU's samples, are released when it returns.
+    """
     findings = [stuck_magnetometer()] if place.compass_useless else []
-    if place.field is None or place.compass_useless:
-        tables = tables.changed(mag=None)
-    known = _Known.of(tables, place, noise)
-    turn = _find_turn(known, tables, place, noise)
-    if turn is not None and tables.mag is not None and turn.certain and not turn.exchanged:
-        tables = tables.changed(mag=turn.undone(tables.mag))
-        known = _Known.of(tables, place, noise)
+    mag = usable_field(tables.mag) is not None
+    tables, known, turn = _prepare(tables, place, noise)
     segments, tuned = known.segments, known.tuned
     observations = tuned.in_time(known.observations)
-    span = (-np.inf if start is None else start, np.inf if stop is None else stop)
-    done = [
-        e
-        for e in _estimate_all(segments, span, rate, observations, place.world, noise, tuned, smoothed)
-        if e.rows.t.size
-    ]
+    done = _estimate_all(segments, span, rate, observations, place.world, noise, tuned, smoothed)
+    done = [estimated for estimated in done if estimated.rows.t.size]
     if not done:
-        raise ValueError(f"the log has no IMU samples between start = {start} and stop = {stop} s")
+        raise ValueError(f"the log has no IMU samples between start = {span[0]} and stop = {span[1]} s")
     fixes = usable_fixes(tables.gps)
     findings += missing_sensors(
         gps=fixes is not None and len(fixes) >= FEWEST_FIXES, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
@@ -164,42 +202,30 @@ def estimate_strapdown(
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
         findings += gps_troubles(estimated.filtered, estimated.rows.t, estimated.rows.estimates.covariance)
-    diagnostics = _diagnostics(tables, done, place, tuned)
     doubts = [turned_compass(turn)] if turn is not None else []
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
     doubts += doubtful_settings(tuned.noise, tuned.yaw_scale)
-    lag = tuned.lags.get("gps", 0.0)
-    rows = [e.rows for e in done]
-    # What comes now is as large as the IMU's samples, which nobody needs any more.
-    del segments, known, segment, estimated, done
+    rows = [estimated.rows for estimated in done]
     if turn is not None:
-        for stretch in rows:
-            stretch.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
-    index = pd.Index(np.concatenate([e.t for e in rows]), name="t")
-    errors = _sensor_errors(rows)
-    states = _states(rows, index, errors)
-    # The states are as large as the log again, and nobody needs the estimates that they were made of.
-    rows = [
-        replace(e, estimates=e.estimates._replace(x=np.empty(0)), rates=np.empty(0), forces=np.empty(0)) for e in rows
-    ]
-    sigma = _sigma(rows, index, errors)
-    doubts += impossible_biases(states)
-    if place.origin is not None:
-        doubts += contradicted_receiver(tables, states, place.origin, lag)
-    findings += only_one_withdrawal(doubts)
-    return Trajectory(
-        states=states,
-        sigma=sigma,
-        covariance=np.concatenate([e.estimates.covariance for e in rows])
-        if len(rows) > 1
-        else rows[0].estimates.covariance,
-        origin=place.origin or Geodetic(float("nan"), float("nan"), 0.0),
-        method="strapdown",
-        diagnostics=diagnostics,
-        findings=tuple(findings),
-    )
+        for segment_rows in rows:
+            segment_rows.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
+    diagnostics = _diagnostics(tables, done, place, tuned)
+    gps_lag = tuned.lags.get("gps", 0.0)
+    return rows, _Remarks(findings=findings, doubts=doubts, diagnostics=diagnostics, gps_lag=gps_lag)
+
+
+def _prepare(tables: Tables, place: Surroundings, noise: SensorNoise) -> tuple[Tables, _Known, CompassTurn | None]:
+    """Find segments and settings of a log; its tables come back with the compass turned right, or without it."""
+    if place.field is None or place.compass_useless:
+        tables = tables.changed(mag=None)
+    known = _Known.of(tables, place, noise)
+    turn = _find_turn(known, tables, place, noise)
+    if turn is not None and tables.mag is not None and turn.certain and not turn.exchanged:
+        tables = tables.changed(mag=turn.undone(tables.mag))
+        known = _Known.of(tables, place, noise)
+    return tables, known, turn
 
 
 def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tuned: Tuned) -> dict[str, object]:
@@ -227,7 +253,7 @@ def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tu
 
 def _estimate_all(
     segments: list[Segment],
-    span: tuple[float, float],
+    span: tuple[float | None, float | None],
     rate: float,
     observations: Observations,
     world: World,
@@ -237,9 +263,10 @@ def _estimate_all(
 ) -> list[_Estimated]:
     """Estimate segment after segment, each starting with the sensor errors of the one before."""
     done: list[_Estimated] = []
+    first, last = (-np.inf if span[0] is None else span[0]), (np.inf if span[1] is None else span[1])
     for segment in segments:
         signal = segment.signal
-        begin, end = max(signal.start, span[0]), min(signal.stop, span[1])
+        begin, end = max(signal.start, first), min(signal.stop, last)
         t = np.arange(np.ceil(begin * rate), np.floor(end * rate) + 1) / rate
         aligned = with_priors(segment.aligned, noise, tuned.noise)
         if done and (gap := max(signal.start - done[-1].segment.signal.stop, 0.0)) < LONGEST_MEMORY:
