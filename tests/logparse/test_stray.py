@@ -109,7 +109,7 @@ def test_a_heading_that_goes_through_north_is_not_damaged():
     assert without_stray("ATT", touching)[1] == 0
 
 
-def test_events_are_none_of_it():
+def test_events_are_not_looked_at():
     modes = pd.DataFrame({"Mode": np.where(np.arange(N) == AT, 200, np.arange(N) % 2)}, index=0.1 * np.arange(N))
     assert without_stray("MODE", modes)[1] == 0
 
@@ -193,7 +193,7 @@ def test_utc_of_gps_week_and_milliseconds(utc: datetime, leap: int) -> None:
     assert utc_from_gps(int(week), rest * 1e3) == utc
 
 
-def test_a_time_out_of_the_order_of_its_rows_is_interpolated() -> None:
+def test_times_out_of_the_order_of_their_rows_are_interpolated() -> None:
     """A bit of half a second put a fix of 11-2-2015_112 among others, from where the craft seemed to jump."""
     t = 0.1 * np.arange(20.0)
     damaged = t.copy()
@@ -201,9 +201,6 @@ def test_a_time_out_of_the_order_of_its_rows_is_interpolated() -> None:
     mended, count = mend_times(damaged, 0.0, 2.0)
     assert count == 1
     np.testing.assert_allclose(mended, t)
-
-
-def test_lone_odd_times_are_interpolated() -> None:
     t = np.array([10.0, 11.0, 9e9, 13.0, 14.0, 2.0, 16.0, np.nan, 18.0])
     mended, count = mend_times(t, 0.0, 20.0)
     assert count == 3

@@ -168,9 +168,7 @@ def test_a_flight_that_knows_nothing_leaves_the_scatter_of_the_others():
     residuals = np.array([1.0, 2.0, 4.0, 3.0]) - pooled.beta[0]
     assert np.sum(residuals**2 * pooled.weights) == pytest.approx(3.0)
     assert pooled.tau == pytest.approx(np.sqrt(14.0 / 9.0), rel=1e-4), "the sum of squares of 1, 2 and 4, over 3"
-
-
-def test_what_cannot_be_told_apart_is_refused():
+    # What cannot be told apart is refused.
     with pytest.raises(ValueError, match="2 values"):
         meta_regression([1.0, 2.0], [0.1, 0.1], [[1.0, 1.0], [1.0, 1.0]])
 

@@ -87,16 +87,13 @@ def test_flights_that_come_out_of_order_or_with_a_clock_of_1980_find_their_place
     assert review(none, now=NOW).flights == tuple(sorted(flight.name for flight in came))
 
 
-def test_a_flight_that_came_twice_counts_once():
+def test_a_flight_that_came_twice_counts_once_and_two_craft_with_one_board_are_seen():
     flights = flights_of(series(np.random.default_rng(2), 5))
     copy = dataclasses.replace(flights[2], name="f02 (2)", format="tlog")
     reviewed = review([*flights, copy], now=NOW)
     assert reviewed.flights == ("f00", "f01", "f02", "f03", "f04")
     assert reviewed.remarks == ("1 of the logs is a further recording of flights that are here",)
-
-
-def test_two_craft_with_one_board_are_seen_by_their_clocks():
-    flights = flights_of(series(np.random.default_rng(2), 4))
+    # Two craft with one board are seen by their clocks.
     far = dataclasses.replace(flights[1], name="other", sha256="other", origin=(0.5, 0.5, 0.0))
     (remark,) = review([*flights, far], now=NOW).remarks
     assert "f01 and other were in the air at the same time" in remark

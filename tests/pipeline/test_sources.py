@@ -125,9 +125,6 @@ def test_flights_are_named_after_files_uniquely():
     urls = ["a/x.BIN", "a/x.json", "a/x.tlog", "b/y.bin", "b/z.json", "c/Y.bin", "z.bin"]
     names = flight_names(urls)
     assert [names[url] for url in urls] == ["x.BIN", "x.json", "x.tlog", "y.bin", "z (2)", "Y.bin (2)", "z"]
-
-
-def test_no_name_commands_a_terminal():
     assert printable("a\x1b[2Jb\x9bc\r\x7f é\tå\n") == r"a\x1b[2Jb\x9bc\x0d\x7f" + " é\tå\n"
 
 

@@ -104,9 +104,7 @@ def test_what_was_not_measured_is_not_taken_for_perfect():
     assert "the log has a hole" in split.never_train["a"].reason
     assert position_sigma(failed) is None
     assert excitation(failed) is None
-
-
-def test_where_nothing_can_train_nothing_does():
+    # Where nothing can train nothing does.
     split = choose_split([flight("a", 0.01), flight("b", 0.02)], CONFIG)
     assert split.training == ()
     assert split.held_out == ("a", "b")

@@ -22,7 +22,7 @@ from pipeline.results.span import Span
 from tests.paths import ROOT, SAMPLES
 
 
-def test_a_foreseen_error_becomes_a_reason():
+def test_a_foreseen_error_becomes_a_reason_and_a_bug_a_finding_and_a_line_in_the_log(caplog):
     stages = Stages(silent, 3600.0)
 
     def work(_):
@@ -31,10 +31,6 @@ def test_a_foreseen_error_becomes_a_reason():
     assert stages.run("trajectory", work) == Failure("trajectory", "no GPS: set bit 2 of LOG_BITMASK")
     assert not stages.findings
     assert stages.timings["trajectory"] >= 0.0
-
-
-def test_a_bug_becomes_a_finding_and_a_line_in_the_log(caplog):
-    stages = Stages(silent, 3600.0)
     with caplog.at_level(logging.ERROR):
         assert "ZeroDivisionError" in stages.run("model", lambda _: 1 / 0).reason
     assert [finding.id for finding in stages.findings] == ["internal-error"]
