@@ -49,13 +49,13 @@ def test_a_receiver_that_sinks_for_minutes_takes_no_height_away(flight):
 
 
 def read_heights() -> Iterator[tuple[str, str, float, float, float]]:
-    """Yield file, flight, lift-off, touch-down and barometer height of the readings that are sure, of every other file.
+    """Yield file, flight, lift-off, touch-down and barometer height of the readings that are sure, of the first files.
 
     `benchmarks real_logs` asks all.
     """
     table = pd.read_csv(REAL / "readings.tsv", sep="\t", dtype={"flight": str})
     sure = table[(table["sure"] == "high") & table["height_baro_m"].notna() & table["takeoff_s"].notna()]
-    for file in sorted(set(sure["file"]))[::2]:
+    for file in sorted(set(sure["file"]))[:8]:
         yield from sure.loc[
             sure["file"] == file, ["file", "flight", "takeoff_s", "landing_s", "height_baro_m"]
         ].itertuples(index=False, name=None)

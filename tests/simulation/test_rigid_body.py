@@ -8,10 +8,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from simulation import Setup, elhesasy2024, fly, propagate
+from simulation import DivergenceError, Setup, elhesasy2024, fly, propagate
 from simulation._kernels import FLYING, mix
 from simulation.atmosphere import Atmosphere
-from simulation.controllers import mixer
+from simulation.controllers import Cascade, mixer
 from simulation.mission import GoTo, Mission, Wait
 from simulation.place import Place, Wind
 from simulation.sensors import Inertial, Navigation, Sensors
@@ -144,3 +144,9 @@ def test_relocation_arrives_and_stays_upright_in_wind():
     assert end[["p_n", "p_e", "p_d"]].to_numpy() == pytest.approx([12.0, -6.0, -9.0], abs=0.15)
     airborne = flight.truth[flight.truth["state"] == FLYING]
     assert np.degrees(np.abs(airborne[["roll", "pitch"]].to_numpy()).max()) < 20.0
+
+
+def test_unstable_gains_stop_with_time_and_state():
+    wild = Cascade(roll_rate=(3.0, 0.0, 0.0), pitch_rate=(3.0, 0.0, 0.0), angle_p=(40.0, 40.0, 2.5))
+    with pytest.raises(DivergenceError, match=r"at \d+\.\d+ s"):
+        fly(setup(Wait(5), GoTo(20, 0, 10), cascade=wild, wind=Wind(speed=3.0)))

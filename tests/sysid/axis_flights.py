@@ -4,6 +4,7 @@
 """
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -139,6 +140,7 @@ def procedure_loop(plant: AxisPlant, gains: LoopGains, seed: int) -> RateLoop:
     return flown_loop(plant, replace(gains, I=0.0), seed, magnitude=magnitude, **PROCEDURE)
 
 
+@lru_cache(maxsize=16)
 def flown_loop(plant: AxisPlant, gains: LoopGains, seed: int, name: str = "simulated", **shaken: Any) -> RateLoop:
-    """Fly a chirp and identify the loop from it."""
+    """Fly a chirp and identify the loop from it; several tests ask for the same."""
     return loop_of_flight(fly_chirp(plant, gains, seed=seed, **shaken), plant, gains, name)

@@ -113,29 +113,20 @@ def test_without_a_barometer_the_altitude_tells_the_density():
     assert record.context["density"].iloc[0] == pytest.approx(0.9215, rel=2e-3)
     assert "conditions-assumed" in {finding.id for finding in record.findings}
     np.testing.assert_allclose(standard_density(np.array([0.0, 1000.0, 3000.0])), [1.225, 1.1116, 0.9091], rtol=2e-4)
-
-
-def test_without_barometer_and_altitude_the_density_is_not_told():
+    # Without either it is not known.
     log, trajectory = made()
     log.tables = Tables(motors=log.tables.motors)
     assert Experiment.from_flight(log, trajectory).context["density"].isna().all()
 
 
-@pytest.fixture(scope="module")
-def drifting():
+def test_a_record_says_that_its_position_is_not_known_and_no_motion_is_fitted_to_it():
+    """On craft flown without GPS the wind was wrong by 8 of its own standard errors."""
     log = read_log("sample_logs/quad01_davos_esc.bin")
     trajectory = estimate(log.tables.changed(gps=None), date=log.start_utc)
-    return Experiment.from_flight(log, trajectory, rate=25.0)
-
-
-def test_a_record_says_that_its_position_is_not_known(drifting):
+    drifting = Experiment.from_flight(log, trajectory, rate=25.0)
     (finding,) = [finding for finding in drifting.findings if finding.id == "position-unknown"]
     assert "1-sigma grows to" in finding.reason
     assert drifting.split(0.7)[0].findings == drifting.findings
-
-
-def test_no_motion_is_fitted_to_what_drifted(drifting):
-    """On craft flown without GPS its wind was wrong by 8 of its own standard errors."""
     with pytest.raises(ExperimentError, match="position is not known"):
         sysid.fit_rigid_body(drifting)
     assert sysid.fit_thrust(drifting).common.per_mass == pytest.approx(7.3, rel=0.1)

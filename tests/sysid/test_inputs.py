@@ -181,6 +181,8 @@ def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
         (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*navigation tuning"),
         (Tables(setpoints=setpoints(p_d=T)), "reference", "no position targets"),
         (Tables(setpoints=hold(T[T > 55.0][:1])), "reference", "no position targets"),
+        (Tables(), "velocity_reference", "no velocity targets"),
+        (Tables(setpoints=hold(T[T > 55.0])), "reference", "no position targets in flight"),
         (Tables(setpoints=hold(T[T > 49.6])), "reference", "overlap in flight for 0.[34] s only"),
         (
             Tables(modes=pd.DataFrame({"mode": ["STABILIZE", "ALT_HOLD"]}, index=[0.0, 5.0])),

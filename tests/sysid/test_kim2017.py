@@ -64,9 +64,13 @@ def test_residual_simulation_of_another_part(quad):
     assert check.loc["z", "rmse"] < check.loc["z", "rmse_of_mean"]
 
 
-def test_eight_motors_driven_by_four_commands_are_not_told_apart():
-    made = octocopter()
-    model = fit_kim2017([flight(made, 1)], 4.3)
+@pytest.fixture(scope="module")
+def octo():
+    return flight(octocopter(), 1)
+
+
+def test_eight_motors_driven_by_four_commands_are_not_told_apart(octo):
+    model = fit_kim2017([octo], 4.3)
     assert model.common.newton == pytest.approx(1.105e-5, rel=0.03)
     assert not any(value.determined for value in model.per_motor.values())
     assert "independent signals" in model.per_motor["m1"].reason
@@ -74,9 +78,8 @@ def test_eight_motors_driven_by_four_commands_are_not_told_apart():
     assert model.torque_per_inertia == pytest.approx(1.779e-7 / 0.105, rel=0.03)
 
 
-def test_esc_numbers_that_are_the_command_are_no_rotor_speeds():
+def test_esc_numbers_that_are_the_command_are_no_rotor_speeds(octo):
     """ArduPilot's simulator reports command times a constant: thrust must not be taken for its square."""
-    octo = flight(octocopter(), 1)
     command = (octo.u - 1150.0) / 800.0
     context = octo.context.assign(**{f"rotor_speed_{k + 1}": 700.0 * command[:, k] for k in range(8)})
     model = fit_kim2017([replace(octo, context=context)], 4.3)

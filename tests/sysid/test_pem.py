@@ -115,7 +115,7 @@ def test_inputs_that_explain_nothing_are_said_to():
     By a chance of some percent an input still seems to act: errors of a fit to a growing exponential are no noise.
     """
     said, t = [], 0.1 * np.arange(400)
-    for seed in range(4):
+    for seed in range(2):
         rng = np.random.default_rng([21, seed])
         unrelated = 1500.0 + 50.0 * rng.standard_normal((400, 2))
         for y in (np.exp(0.2 * t), np.cumsum(rng.standard_normal(400))):

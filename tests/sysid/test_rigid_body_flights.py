@@ -12,6 +12,8 @@ from tests.sysid.honesty import firmware_truth
 
 pytestmark = pytest.mark.slow
 
+STICKS, MISSIONS = "octa07_loiter_sticks", ("octa01_auto_calm", "octa05_auto_quito")
+
 
 @pytest.fixture(scope="module")
 def flight(sitl):
@@ -34,7 +36,7 @@ def truth(flight):
     return lambda name, model: firmware_truth(told(name), flight(name), model.reference_voltage)
 
 
-@pytest.mark.parametrize("names", [("octa07_loiter_sticks",), ("octa01_auto_calm", "octa05_auto_quito")])
+@pytest.mark.parametrize("names", [(STICKS,), MISSIONS])
 def test_thrust_and_drag_are_those_of_the_simulator(names, model, truth):
     """One parameter set from sea level to 2850 m; thrust within 2 %, the curve too, drag at 4 m/s within 15 %."""
     fitted = model(*names)
@@ -55,8 +57,8 @@ def test_thrust_and_drag_are_those_of_the_simulator(names, model, truth):
 
 def test_roll_and_pitch_effectiveness_of_a_flight_with_sticks(model, truth):
     """Arm times thrust over inertia within 5 %."""
-    body, facts = model("octa07_loiter_sticks"), told("octa07_loiter_sticks")["truth"]
-    expected = truth("octa07_loiter_sticks", body).parameters
+    body, facts = model(STICKS), told(STICKS)["truth"]
+    expected = truth(STICKS, body).parameters
     for axis, inertia in (("roll", "Ixx"), ("pitch", "Iyy")):
         parameter = body.parameters[f"{axis}_gain"]
         assert parameter.determined
@@ -67,7 +69,7 @@ def test_roll_and_pitch_effectiveness_of_a_flight_with_sticks(model, truth):
 
 def test_a_mission_without_stick_inputs_says_that_it_does_not_tell_roll_inertia(model):
     """The rate outputs of a calm mission are mostly noise, which would bias the gain by a third."""
-    parameter = model("octa01_auto_calm", "octa05_auto_quito").parameters["roll_gain"]
+    parameter = model(*MISSIONS).parameters["roll_gain"]
     assert not parameter.determined
     assert "explain only" in parameter.reason
 
@@ -75,8 +77,8 @@ def test_a_mission_without_stick_inputs_says_that_it_does_not_tell_roll_inertia(
 def test_flights_that_were_not_fitted_are_predicted(flight, model):
     """1 s ahead within 0.03 m, 5 s within 0.35 m, six times better than constant velocity."""
     result = validate(
-        model("octa01_auto_calm", "octa05_auto_quito"),
-        [flight("octa02_auto_wind2"), flight("octa07_loiter_sticks")],
+        model(*MISSIONS),
+        [flight("octa02_auto_wind2"), flight(STICKS)],
         horizons=(1.0, 5.0),
     )
     assert result.unseen

@@ -90,9 +90,7 @@ def test_halves_of_what_wanders_differ_by_what_each_states(slope: float) -> None
         one, other = np.split(spectrum_of(slope, rng), 2)
         apart.append((one.mean() - other.mean()) / np.hypot(wander(one), wander(other)))
     assert 0.5 < np.sqrt(np.mean(np.square(apart))) < 1.3
-
-
-def test_what_stands_still_does_not_wander() -> None:
+    # What stands still does not wander.
     assert wander(np.zeros(40)) == pytest.approx(0.0, abs=1e-12)
 
 

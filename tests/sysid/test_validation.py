@@ -68,6 +68,7 @@ def test_black_boxes_are_told_the_mean_of_the_inputs_and_the_validation_says_so(
         records.append(Experiment.from_arrays(np.arange(600) * 0.1, u, y, name=name, output_names=["z"]))
     validation = validate(fit_transfer_functions(records[:1], poles=1, zeros=0), records[1:])
     assert validation.own_trim
+    assert "free simulation" in repr(validation)
     assert validation.report().own_trim
     assert validation.uses.free_run.trust is Trust.YES
     assert not validate(Known(0.5), records).own_trim

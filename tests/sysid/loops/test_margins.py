@@ -68,6 +68,8 @@ def test_gyro_low_pass_is_the_bilinear_butterworth_of_scipy():
     b, a = butter(2, 20.0, fs=1000.0)
     _, expected = freqz(b, a, worN=hz, fs=1000.0)
     np.testing.assert_allclose(second_order(1000.0, 20.0).response(hz), expected, rtol=1e-12)
+    # No cut-off is no filter.
+    np.testing.assert_allclose(second_order(1000.0, 0.0).response(hz), 1.0)
 
 
 def test_first_order_alpha_is_ardupilots_not_the_exact_exponential():

@@ -281,7 +281,7 @@ def test_noise_of_motors_beyond_the_band_is_not_raised_by_more_than_the_aim():
 def test_real_logs_are_refused_with_a_sentence():
     """None of the public logs has the evidence; none may raise anything but an error of reading it: one in four."""
     logs = (path for path in REAL.iterdir() if path.suffix not in (".tsv", ".md"))
-    for path in sorted(logs, key=lambda path: path.stat().st_size)[::4]:
+    for path in sorted(logs, key=lambda path: path.stat().st_size)[3::4]:
         result = tune(read_log(path))
         assert result.refused, path.name
         assert result.proposed == {}
