@@ -23,7 +23,7 @@ import numpy as np
 from benchmarks._measure import Row, logs
 from estimation import Trajectory, estimate
 from logparse import FlightLog, MissingDataError, RotoridError, read_flights, read_log
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.results.span import Span
 from simulation.elhesasy2024 import octocopter, quadcopter
 from simulation.kim2017 import quadcopter as kim_quadcopter
@@ -150,7 +150,7 @@ def halves(folder: Path) -> list[Row]:
                 except RotoridError:
                     trajectory = None
                 flown = Span(log.flight.start, log.flight.stop)
-                sound = tell(log, flown).sound or flown
+                sound = account_of_flight(log, flown).sound or flown
                 ends = np.linspace(sound.start, sound.stop, 3)
                 one, other = (stated_within(log, trajectory, within) for within in itertools.pairwise(ends))
                 for key in one.keys() & other.keys():

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import logparse
 from logparse.canonical.events import COPTER_SUBSYSTEMS
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.results.account import Account
 from pipeline.results.span import Span
 
@@ -75,7 +75,7 @@ def found_flights(path: Path) -> list[Found]:
     accounts: list[Found] = []
     for log in logparse.read_flights(path):
         if log.flight is not None:
-            accounts.append(Found(path.name, tell(log, Span(log.flight.start, log.flight.stop))))
+            accounts.append(Found(path.name, account_of_flight(log, Span(log.flight.start, log.flight.stop))))
     return accounts
 
 

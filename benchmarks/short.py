@@ -19,7 +19,7 @@ from benchmarks.sysid import _rao_garnier_record
 from estimation.filter import run as filter_forward
 from logparse import read_log
 from pipeline import AnalysisConfig, analyze
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.results.span import Span
 from sysid import fit_transfer_functions
 from tests.estimation.simulated_flight import fly
@@ -109,7 +109,7 @@ def account(path: str) -> None:
     """Read a log and find out what happened in it."""
     log = read_log(path)
     assert log.flight is not None
-    tell(log, Span(log.flight.start, log.flight.stop))
+    account_of_flight(log, Span(log.flight.start, log.flight.stop))
 
 
 def analysed() -> None:

@@ -10,7 +10,7 @@ import estimation
 import logparse
 from logparse import inspection
 from logparse.inspection import Inspection
-from pipeline.flight.account import tell_each
+from pipeline.flight.account import account_of_log
 from sysid.records.experiment import Experiment
 
 
@@ -71,7 +71,7 @@ def inspect(path: str | Path) -> Inspection:
     """
     log = logparse.read_log(path)
     flights = logparse.read_flights(path) if len(log.flights) > 1 or len(log.boots) > 1 else (log,)
-    happened = tuple(account.headline for _, account in tell_each(flights))
+    happened = tuple(account_of_log(flown).headline for flown in flights)
     return replace(inspection.inspect(log), happened=happened)
 
 

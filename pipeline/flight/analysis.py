@@ -14,7 +14,7 @@ from pipeline.config import SHORTEST, AnalysisConfig
 from pipeline.execution.stages import NEXT_FLIGHT, Overall, Progress, Stages, silent
 from pipeline.execution.workload import Workload
 from pipeline.flight import without_trajectory
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.flight.account.account import account_of
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.answer import compose_answer
@@ -261,7 +261,7 @@ def _account_and_lines(
 ) -> tuple[Account | Failure, FlightSignals | Failure]:
     """Tell what happened in a flight, and gather its lines for plots, from the same readings."""
     if isinstance(flight, Failure):
-        return stages.run("account", lambda _: tell(log, None)), flight
+        return stages.run("account", lambda _: account_of_flight(log, None)), flight
     readings = Readings.of(log, flight)
     account = stages.run("account", lambda _: account_of(readings))
     return account, stages.run("account", lambda _: flight_signals(readings))

@@ -305,10 +305,10 @@ def _announce_flight(out: str, entry: "FlightEntry") -> None:
 
 def _announce_all(logs: "Sequence[FlightLog]") -> None:
     """Print what happened in each flight of a log."""
-    from pipeline.flight.account import tell_each
+    from pipeline.flight.account import account_of_log
 
-    for number, (_, account) in enumerate(tell_each(logs), start=1):
-        console().print(f"Flight {number}: {account.headline}", markup=False, soft_wrap=True)
+    for number, log in enumerate(logs, start=1):
+        console().print(f"Flight {number}: {account_of_log(log).headline}", markup=False, soft_wrap=True)
 
 
 @contextmanager

@@ -35,12 +35,12 @@ def inspect(
         import logparse
         from core.serialization import as_json as to_text
         from logparse.inspection import inspect as look_into
-        from pipeline.flight.account import tell_each
+        from pipeline.flight.account import account_of_log
 
         asked = logparse.read_log(file, power_up(boot)) if flight is None else open_log(log)
         inspected = look_into(asked)
         several = flight is None and boot is None and (len(asked.flights) > 1 or len(asked.boots) > 1)
-        accounts = [account for _, account in tell_each(logparse.read_flights(file) if several else [asked])]
+        accounts = [account_of_log(flown) for flown in (logparse.read_flights(file) if several else [asked])]
     if as_json:
         typer.echo(to_text(replace(inspected, happened=tuple(account.headline for account in accounts))), nl=False)
         return

@@ -8,7 +8,7 @@ import pytest
 import logparse
 from benchmarks import real_logs
 from core.findings import Finding
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.results.account import Account
 from pipeline.results.span import Span
 from sysid.rotors.motor_faults import find_motor_faults
@@ -28,7 +28,7 @@ def account_of(unpacked):
         if path.suffix == ".xz":
             path = unpacked(f"{path.parent.name}/{path.name.removesuffix('.BIN.xz')}")
         log = logparse.read_log(path)
-        return tell(log, Span(log.flight.start, log.flight.stop))
+        return account_of_flight(log, Span(log.flight.start, log.flight.stop))
 
     return assess
 
@@ -69,7 +69,7 @@ def test_a_motor_lost_a_second_before_the_log_ends_is_named(tmp_path, unpacked):
     cut.write_bytes(unpacked("faults/lost_motor_octa").read_bytes()[:744_800])
     log = logparse.read_log(cut)
     assert log.flight.stop == pytest.approx(81.05, abs=0.15)
-    event = only(tell(log, Span(log.flight.start, log.flight.stop)), "motor-fault")
+    event = only(account_of_flight(log, Span(log.flight.start, log.flight.stop)), "motor-fault")
     assert (event.evidence["motor"], event.t) == (5, pytest.approx(80.11, abs=0.2))
 
 
@@ -79,7 +79,7 @@ def test_a_throttle_that_ran_away_blames_no_motor_wherever_the_log_was_cut(tmp_p
     cut = tmp_path / "cut.BIN"
     cut.write_bytes(whole[: int(part * len(whole))])
     log = logparse.read_log(cut)
-    account = tell(log, Span(log.flight.start, log.flight.stop))
+    account = account_of_flight(log, Span(log.flight.start, log.flight.stop))
     assert [event.id for event in account.story] == ["vibration", "throttle-runaway"]
 
 
@@ -169,7 +169,7 @@ def test_what_led_to_it_comes_first(name, flight, story, t):
     (path,) = (SHARED / "real").glob(f"*{name}*")
     log = logparse.read_log(path)
     span = Span(log.flights[flight - 1].start, log.flights[flight - 1].stop)
-    account = tell(log, span)
+    account = account_of_flight(log, span)
     assert tuple(event.id for event in account.story) == story
     assert account.story[0].t == pytest.approx(t, abs=4.0)
     assert story[-1] != "crash" or account.sound.stop < account.story[0].t

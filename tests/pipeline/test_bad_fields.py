@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from logparse import read_log
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.flight.account.readings import Readings
 from pipeline.flight.signals import flight_signals
 from pipeline.results.span import Span
@@ -37,7 +37,7 @@ HOWS = ("missing", "one row", "markup", "no number")
 @pytest.mark.parametrize(("name", "how"), [(name, how) for k, name in enumerate(PANELS) for how in HOWS[k % 2 :: 2]])
 def test_a_spoilt_message_costs_its_own_plot_only(name, how):
     log = spoilt(name, how)
-    signals, account = flight_signals(Readings.of(log, FLIGHT)), tell(log, FLIGHT)
+    signals, account = flight_signals(Readings.of(log, FLIGHT)), account_of_flight(log, FLIGHT)
     drawn = {signal for signal in ("attitude", "rates", "vibration", "battery", "gps") if getattr(signals, signal)}
     assert {"attitude", "rates", "vibration", "battery", "gps"} - drawn <= {PANELS[name]}
     assert account.story == ()

@@ -13,7 +13,7 @@ import logparse
 from core.quantity import readable
 from core.serialization import plain
 from pipeline.fleet.envelope import envelope
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.flight.coverage import measure, word_of
 from pipeline.results.coverage import QUANTITIES
 from pipeline.results.span import Span
@@ -88,7 +88,7 @@ def test_movement_is_told_axis_by_axis(flight):
 
 def test_the_log_is_judged(flight):
     log, _, span, *_ = flight
-    account = tell(log, span)
+    account = account_of_flight(log, span)
     health = measure(*flight[:3], account=account).health
     assert health.rates["motors"].rate == pytest.approx(10.0, rel=0.01)
     gps = health.rates["gps"]

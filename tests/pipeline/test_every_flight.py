@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from logparse import LogError, Tables, read_flights, read_log
 from pipeline.execution.stages import NEXT_FLIGHT, Overall
-from pipeline.flight.account import tell
+from pipeline.flight.account import account_of_flight
 from pipeline.flight.training import LONGEST, busiest, part_findings
 from pipeline.results.span import Span, around
 from rotorid.cli.main import app
@@ -47,7 +47,7 @@ def test_a_blow_is_told_of_the_flight_that_it_ended():
     logs = read_flights(SHARED / "real" / "erlerobot-logs__6-3-2014_7.BIN")
     blows = []
     for log in logs:
-        account = tell(log, Span(log.flight.start, log.flight.stop))
+        account = account_of_flight(log, Span(log.flight.start, log.flight.stop))
         blows.append([happening.t for happening in account.happenings if happening.id == "hard-landing"])
     assert [len(blow) for blow in blows] == [1, 0, 1]
     assert blows[2][0] == pytest.approx(256.1, abs=0.5)

@@ -1,5 +1,5 @@
 """The account of a flight: readings that anyone can check in a viewer, what happened, and the story that it makes."""
 
-from pipeline.flight.account.account import tell, tell_each
+from pipeline.flight.account.account import account_of_flight, account_of_log
 
-__all__ = ["tell", "tell_each"]
+__all__ = ["account_of_flight", "account_of_log"]

@@ -1,4 +1,4 @@
-"""`tell`: the account of one flight of a log."""
+"""The account of one flight of a log."""
 
 from __future__ import annotations
 
@@ -44,7 +44,12 @@ _LACKS = {
 }
 
 
-def tell(log: FlightLog, flight: Span | None) -> Account:
+def account_of_log(log: FlightLog) -> Account:
+    """Make the account of the flight that a log shows."""
+    return account_of_flight(log, None if log.flight is None else Span(log.flight.start, log.flight.stop))
+
+
+def account_of_flight(log: FlightLog, flight: Span | None) -> Account:
     """Make the account of one flight; of a log without one, what the autopilot reported on the ground."""
     if flight is not None:
         return account_of(Readings.of(log, flight))
@@ -53,13 +58,6 @@ def tell(log: FlightLog, flight: Span | None) -> Account:
     happenings = gravest_first(list(reported_happenings(readings)))
     sentence = _on_the_ground(happenings, other=log.vehicle.other_craft, height_known=any(heights(log.tables)))
     return Account(flight=None, happenings=happenings, headline=sentence, unknown=_unknown(log.tables))
-
-
-def tell_each(logs: Iterable[FlightLog]) -> Iterator[tuple[Span | None, Account]]:
-    """Yield each flight of a file with its account."""
-    for log in logs:
-        flight = None if log.flight is None else Span(log.flight.start, log.flight.stop)
-        yield flight, tell(log, flight)
 
 
 def account_of(readings: Readings) -> Account:
