@@ -27,13 +27,14 @@ from pipeline.flight.account import account_of_flight
 from pipeline.results.span import Span
 from simulation.elhesasy2024 import octocopter, quadcopter
 from simulation.kim2017 import quadcopter as kim_quadcopter
+from simulation.mission import Mission
 from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, fit_six_dof, physical_parameters
 from sysid.frequency.survey import survey
 from sysid.records.thrust_curve import reference_voltage
 from sysid.rigid_body.six_dof.body_record import BodyQuantity
 from sysid.rotors.thrust_regression import vehicle_of
-from tests.sysid.craft_flights import flown, record
+from tests.sysid.craft_flights import EXCITING, HOVER, flown, record
 from tests.sysid.honesty import (
     Stated,
     firmware_truth,
@@ -86,7 +87,12 @@ PAPER_FLIGHTS = 10
 def run() -> list[Row]:
     if "--halves" in sys.argv[:-1]:
         return halves(Path(sys.argv[sys.argv.index("--halves") + 1]))
-    return [*_rows("gusts", simulated()), *_rows("papers", papers()), *_rows("firmware", firmware())]
+    return [
+        *_rows("gusts", simulated(EXCITING)),
+        *_rows("hovers in gusts", simulated(HOVER)),
+        *_rows("papers", papers()),
+        *_rows("firmware", firmware()),
+    ]
 
 
 def papers() -> Iterator[Stated]:
@@ -105,13 +111,13 @@ def _rows(kind: str, stated: Iterator[Stated]) -> Iterator[Row]:
         yield label, f"{rms:.2f}, {most:.1f}", f"error {error:.2g}, sigma {sigma:.2g}", worst, TARGET
 
 
-def simulated() -> Iterator[Stated]:
+def simulated(mission: Mission) -> Iterator[Stated]:
     """Fly two craft in gusts."""
     for craft in (octocopter(), quadcopter()):
         for speed, gusts in WINDS:
             for seed in range(SEEDS):
                 wind = Wind(speed=speed, from_deg=120.0 * seed, gusts=gusts)
-                flight = flown(craft, wind=wind, altitude=300.0 * seed, seed=seed)
+                flight = flown(craft, mission, wind=wind, altitude=300.0 * seed, seed=seed)
                 seen = record(flight, np.random.default_rng(seed), 0.05, f"{craft.name} {speed:g} {gusts:g} {seed}")
                 blown = flight.truth.loc[seen.t[0] : seen.t[-1], ["wind_n", "wind_e"]].mean()
                 model = fit_rigid_body([seen], mass=craft.mass)

@@ -61,7 +61,7 @@ def whole_trim(
     to the mean wind.
     """
     states, knots = carry_states(flight, shared, law), wind_knots(flight.t, spacing)
-    values = match_path(flight, shared, states.own[-1], law, knots)
+    values = match_path(flight, shared, states, law, knots)
     own, departures = values[:FIXED].copy(), values[FIXED:].reshape(-1, 2)
     if len(knots):
         # Each knot stands for the time about it.
@@ -120,11 +120,13 @@ def _trim(
     )
 
 
-def match_path(flight: BodyMotion, shared: Floats, start: Floats, law: int, knots: Floats) -> Floats:
+def match_path(flight: BodyMotion, shared: Floats, states: Carried, law: int, knots: Floats) -> Floats:
     """Find thrust scale and wind, (4 + 2 k,), by which the free run is nearest to the measured path.
 
-    The wind's exponent stays; winds at the k `knots` depart from the mean as far as turbulence lets them.
+    What the path leaves open is as a filter found it (in hovers runs ended in winds of 50 m/s); the wind's exponent
+    stays. Winds at the k `knots` depart from the mean as far as turbulence lets them.
     """
+    start, sigma = states.own[-1], np.sqrt(np.diag(states.covariances[-1])[1:FIXED])
     shapes = wind_shapes(flight.t, knots)
     gust = TURBULENCE * max(float(np.hypot(*start[_WIND:])), LIGHT)
     half = max(round(BLOCK_SECONDS / flight.dt), 1)
@@ -140,15 +142,15 @@ def match_path(flight: BodyMotion, shared: Floats, start: Floats, law: int, knot
     spread = max(float(np.sqrt(np.mean(missed(first) ** 2))), 1e-4) if len(knots) else 1.0
 
     def weighted(own: Floats) -> Floats:
-        return np.concatenate([missed(own) / spread, own[3:] / gust])
+        return np.concatenate([missed(own) / spread, (own - first) / scales])
 
     more = np.full(2 * len(knots), HIGHEST[-1])
     limits = np.concatenate([LOWEST[1:], -more]), np.concatenate([HIGHEST[1:], more])
-    scales = np.concatenate([[0.01], np.ones(len(first) - 1)])
+    scales = np.concatenate([sigma, np.full(2 * len(knots), gust)])
     # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
     theta = np.concatenate([shared, start])
     by_path = _path_slopes(flight, run(first), theta, law, shapes, np.arange(0, len(flight.t), half))[::2]
-    slopes = np.vstack([by_path.reshape(-1, len(first)) / spread, np.eye(len(first))[3:] / gust])
+    slopes = np.vstack([by_path.reshape(-1, len(first)) / spread, np.diag(1.0 / scales)])
 
     def slope(_: Floats) -> Floats:
         return slopes

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import cholesky, solve_triangular
 
-from simulation.elhesasy2024 import quadcopter
+from simulation.elhesasy2024 import octocopter, quadcopter
 from simulation.mission import FlownChirp, Mission, Wait
 from simulation.place import Wind
 from sysid import fit_rigid_body
@@ -119,6 +119,18 @@ def test_what_only_answers_to_gusts_leaves_the_curve_to_the_parameters():
         assert thrust.value == pytest.approx(truth, rel=0.08)
         z.append((thrust.value - truth) / thrust.sigma)
     assert np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_a_hover_that_tells_no_wind_ends_in_none_of_50_m_s():
+    """Free runs that come near a path by any wind ended at the limits of the search, at a stated 6 m/s."""
+    craft = octocopter()
+    wind = Wind(speed=6.0, from_deg=240.0, gusts=1.5)
+    flight = flown(craft, HOVER, wind=wind, altitude=600.0, seed=2)
+    seen = record(flight, np.random.default_rng(2), 0.05)
+    trim = fit_rigid_body([seen], mass=craft.mass).flights[seen.name]
+    blown = flight.truth.loc[seen.t[0] : seen.t[-1], ["wind_n", "wind_e"]].mean().to_numpy()
+    assert np.abs((np.array([trim.wind_n, trim.wind_e]) - blown) / trim.wind_sigma).max() < 2.0
+    assert trim.thrust_scale == pytest.approx(1.0, abs=0.05)
 
 
 def test_commands_that_fold_tell_neither_curve_nor_lag_well():
