@@ -130,13 +130,9 @@ class Multisine:
         """Return values at times, s."""
         return np.asarray(np.sin(2.0 * np.pi * np.outer(t, self.hz) + self.phase) @ self.amplitude)
 
-    @property
-    def peak_factor(self) -> float:
-        """Return (max - min) / (2 sqrt 2 rms): 1 for a sine."""
-        return _peak_factor(self.at(np.arange(_SAMPLES) / _SAMPLES * self.period))
-
 
 def _peak_factor(x: Floats) -> float:
+    """Return (max - min) / (2 sqrt 2 rms): 1 for a sine."""
     return float((x.max() - x.min()) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(x**2))))
 
 
