@@ -108,10 +108,8 @@ class DataflashWriter:
         multipliers: str = "",
         id: int | None = None,  # noqa: A002
     ) -> None:
-        """Declare a message; needed once before its first row, and again to change its layout from here on."""
+        """Declare a message; needed once, before its first row."""
         labels = columns.split(",") if isinstance(columns, str) else list(columns)
-        if id is None and name in self._layouts:
-            id = self._layouts[name].definition.id  # noqa: A001
         self._declare(self._definition(name, format, labels, id), multipliers)
         if units or multipliers:
             n = len(format)
@@ -172,8 +170,6 @@ class DataflashWriter:
         return Definition(wanted, length, name, form, tuple(labels))
 
     def _declare(self, definition: Definition, multipliers: str) -> None:
-        for name in [n for n, layout in self._layouts.items() if layout.definition.id == definition.id]:
-            del self._layouts[name]
         self._layouts[definition.name] = MessageLayout(definition, multipliers)
         self._ids.add(definition.id)
         self._stream.write(definition.pack())

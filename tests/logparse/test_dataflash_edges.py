@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from logparse.dataflash.binary import DataflashSource
@@ -56,6 +56,7 @@ def _fits(form: str) -> bool:
 
 
 @given(table=tables())
+@example(table=("Q", [[1_000_000, 2**63]]))
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_what_is_written_is_read(table: tuple[str, list[list[object]]]) -> None:
     """Any format, any values: integers and scaled integers exactly, floats bit for bit, text to the letter."""

@@ -99,13 +99,21 @@ def test_a_parameter_whose_name_is_a_number_is_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "value", ["!!int abc", "!!timestamp 1-1-1", "[" * 3000, "&a [*a, *a]", "!!float x", "2024-13-45", "[t"]
+    "value", ["!!int abc", "!!timestamp 1-1-1", "[" * 3000, "&a [*a, *a]", "!!float x", "2024-13-45"]
 )
 def test_yaml_that_its_own_reader_stumbles_over_is_refused(value: str, tmp_path: Path) -> None:
     path = tmp_path / "columns.yaml"
     path.write_text(f"time: {value}\n")
     with pytest.raises(TableError):
         read_column_map(path)
+
+
+def test_a_description_that_is_none_or_is_not_there_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "columns.yaml").write_text("- a\n- b\n")
+    with pytest.raises(TableError, match="mapping"):
+        read_column_map(tmp_path / "columns.yaml")
+    with pytest.raises(TableError, match="no such file"):
+        read_column_map(tmp_path / "none.yaml")
 
 
 def test_a_table_whose_time_is_also_a_position_is_refused(tmp_path: Path) -> None:

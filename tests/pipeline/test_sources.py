@@ -14,7 +14,7 @@ from pipeline.names import folder_names, printable
 from pipeline.storage import inventory
 from pipeline.storage.inventory import flight_names, index_sources
 from pipeline.storage.manifest import Manifest
-from pipeline.storage.sources import digest, fetched, find
+from pipeline.storage.sources import called_a_log, digest, fetched, find
 
 
 def files(listing):
@@ -32,6 +32,8 @@ def test_folders_are_searched_and_named_files_marked(tmp_path):
         (tmp_path / name).write_bytes(b"")
     named = tmp_path / "b.bin"
     assert files(find([named, tmp_path, named])) == [("b.bin", True), ("a.bin", False)]
+    called = [name for name in ("a.BIN", "a.bin.gz", "a.gz", "bin") if called_a_log(name)]
+    assert called == ["a.BIN", "a.bin.gz"]
 
 
 def test_links_are_followed_but_not_in_a_circle(tmp_path):

@@ -223,6 +223,9 @@ def test_a_header_of_another_table_does_not_fill_the_memory(tmp_path, end):
     path.write_text("," * 5000 + end + f"1{end}" * 20_000)
     with pytest.raises(TableError, match="the header names 5001 columns"):
         read_columns(path)
+    path.write_text(f"a,b{end}")
+    with pytest.raises(TableError, match="no rows"):
+        read_columns(path)
     path.write_text(end.join([",".join("tabc"), *[",".join("1234")] * 3, ""]))
     assert read_columns(path).shape == (3, 4)
 
