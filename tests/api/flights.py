@@ -62,6 +62,7 @@ def analyze(task: Task, progress: TaskProgress) -> None:
     page = f"<!doctype html><title>report</title>SHA-256 {entries[0].sha256}"
     (task.folder / "report.html").write_text(page)
     (task.folder / "models.json").write_text(json.dumps({"of": name}))
+    (task.folder / "models.mat").write_bytes(b"MATLAB")
     outcome.write_flights(entries, task.folder)
 
 

@@ -100,7 +100,7 @@ def test_coefficients_that_the_data_do_not_determine_are_marked():
 
 def test_digits_end_where_the_deviation_begins():
     assert text_of(polynomial([123.456, 0.98765, 0.5], [4.0, 0.013, 0.2])) == "123s2+0.988s+0.5"
-    assert text_of(polynomial([126.0, 24.3], [None, 30.0])) == "100s+20"
+    assert text_of(polynomial([126.0, 0.0, 24.3], [None, 0.0, 30.0])) == "100s2+20"
 
 
 def test_names_are_escaped():

@@ -151,7 +151,7 @@ def test_bench_writes_page_and_numbers(stand, tmp_path):
     assert "its share of the weight is 225.00 N" in json.loads(heavy.stdout)["trim"][0]["reason"]
 
 
-@pytest.mark.parametrize("weight", ["0", "nan"])
+@pytest.mark.parametrize("weight", ["0", "-1", "nan"])
 def test_a_weight_that_is_none_is_wrong_usage(stand, tmp_path, weight):
     done = run("bench", stand, "--weight", weight, "--out", tmp_path / "o")
     assert done.exit_code == 2, done.output
@@ -268,6 +268,7 @@ def test_a_chirp_becomes_files_a_table_and_a_page_and_an_axis_that_nobody_moved_
     assert "nan" not in page.split("<script")[0].lower().split()
     unmoved = run("frequency", chirped, "--axis", "pitch", "--out", tmp_path / "none")
     assert (unmoved.exit_code, "pitch" in unmoved.output.lower()) == (3, True)
+    assert isinstance(run("frequency", chirped, "--axis", "sideways").exception, ConfigError)
 
 
 # `rotorid prove` says thin margins first, and ends with 1 where the change of gains is not to be flown.
