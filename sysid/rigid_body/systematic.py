@@ -195,11 +195,11 @@ def _bent(motions: Sequence[BodyMotion], values: Floats) -> Floats:
 def _curvature_sigma(motions: Sequence[BodyMotion], fit: FilterErrorFit, fold: float) -> float:
     """Compute what errors of the steepness d ln T / d ln c = (1 - e + 2 e c) / (1 - e + e c) make of the curvature e.
 
-    They are `STEEPNESS` and the part of the commands that answers to gusts (`answered`). Of the part `fold`, which is
-    noise (`folded`), all may be lacking in steepness or none: its standard deviation is that of a uniform number.
+    They are `STEEPNESS`, the part of the commands that answers to gusts (`answered`) and the part `fold` that is noise
+    (`folded`), all of which lacks in steepness where none of the thrust went with it.
     """
     command, part = _usual_command(motions, fit.values)
-    steepness = np.linalg.norm((STEEPNESS, answered(motions, fit), fold / np.sqrt(3.0)))
+    steepness = np.linalg.norm((STEEPNESS, answered(motions, fit), fold))
     return float(steepness * part**2 / max(command, 1e-9))
 
 
