@@ -8,10 +8,10 @@ READY  := $(VENV)/.ready
 TOOLS  := $(VENV)/.tools
 # What to install beside rotorid itself: EXTRA=[dev] spares a second look at everything where tools are wanted anyway.
 EXTRA  ?=
-# Installs, and says which package is being fetched: that takes a minute or two.
+# Installs, and says which packages are being fetched.
 INSTALL = .ci/install $(BIN)/python
-# Two workers more than there are cores: tests of services and schedulers wait a good part of their time.
-JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 2)')
+# Three workers more than there are cores: tests of services and schedulers wait a good part of their time.
+JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 3)')
 # One BLAS thread: our matrices are small and threads only hurt them.
 export OPENBLAS_NUM_THREADS := 1
 # Byte code is kept: the tests start hundreds of processes, each of which would compile all sources again.
@@ -31,7 +31,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit("rotorid needs Python >= 3.11; set PYTHON=python3.11 or newer" if sys.version_info < (3, 11) else 0)'
 	@echo "1 of 3: making $(VENV) ..."
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@echo "2 of 3: installing rotorid and what it needs (a minute or two) ..."
+	@echo "2 of 3: installing rotorid and what it needs ..."
 	@$(INSTALL) '.$(EXTRA)'
 	@touch $@
 
@@ -42,7 +42,7 @@ $(READY): $(INSTALLED)
 	@touch $@
 
 $(TOOLS): $(INSTALLED)
-	@echo "Installing what tests and lint need (a minute) ..."
+	@echo "Installing what tests and lint need ..."
 	@$(INSTALL) '.[dev]'
 	@touch $@
 
