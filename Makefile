@@ -10,8 +10,8 @@ TOOLS  := $(VENV)/.tools
 EXTRA  ?=
 # Installs, and says which packages are being fetched.
 INSTALL = .ci/install $(BIN)/python
-# Three workers more than there are cores: tests of services and schedulers wait a good part of their time.
-JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 3)')
+# Two workers more than there are cores: tests of services and schedulers wait a good part of their time.
+JOBS    = $(shell $(PYTHON) -c 'import os; print((os.cpu_count() or 1) + 2)')
 # One BLAS thread: our matrices are small and threads only hurt them.
 export OPENBLAS_NUM_THREADS := 1
 # Byte code is kept: the tests start hundreds of processes, each of which would compile all sources again.
