@@ -334,6 +334,12 @@ def _linearise(parts: Sequence[_Velocities], n: int, disturbances: Sequence[Dist
     return _Linearised(np.concatenate(costs), hessian, gradient, np.vstack(scores), np.concatenate(flights))
 
 
+def inverted(information: Floats) -> Floats:
+    """Invert an information matrix, of parameters of any units; what it says nothing of has no variance."""
+    scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
+    return np.asarray(np.linalg.pinv(information / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale))
+
+
 def _result(
     now: _Linearised,
     values: Floats,
@@ -344,9 +350,7 @@ def _result(
 ) -> FilterErrorFit:
     """Invert the information; enlarge standard errors where scores scatter more than the disturbances explain."""
     own = np.ix_(free, free)
-    total = now.hessian[own] + np.diag(weight)
-    scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
-    inverse = np.linalg.pinv(total / np.outer(scale, scale), rcond=1e-13) / np.outer(scale, scale)
+    inverse = inverted(now.hessian[own] + np.diag(weight))
     scores = now.scores[:, free]
     # Neighbours are taken together: a disturbance that is not as it is modelled does not end with a cluster.
     same = (now.flights[1:] == now.flights[:-1])[:, None]

@@ -28,6 +28,7 @@ from sysid.records.motor_scaling import curve_slope, motor_commands
 from sysid.records.motor_signals import LEAST_SLOPE, MOTOR_OUTPUTS, SCALE_SECONDS, motor_geometry, motor_signals
 from sysid.records.resampling import logged_rate
 from sysid.records.thrust_curve import Law, thrust_signals
+from sysid.rigid_body.filter_error import inverted
 
 AXES = ("roll", "pitch", "yaw")
 
@@ -238,8 +239,7 @@ def regress_stretches(design: np.ndarray, target: np.ndarray) -> tuple[Floats, F
     """Return coefficients, their standard errors and the part explained of (S, F) by regressors (S, F, k)."""
     flat = design.reshape(-1, design.shape[2])
     normal = np.real(flat.conj().T @ flat)
-    size = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.pinv(normal / np.outer(size, size), hermitian=True) / np.outer(size, size)
+    inverse = inverted(normal)
     values = inverse @ np.real(flat.conj().T @ target.ravel())
     residual = target - design @ values
     power = float(np.sum(np.abs(target) ** 2))

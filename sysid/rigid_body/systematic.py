@@ -16,7 +16,7 @@ from core.units import STANDARD_GRAVITY
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import EXPO_SIGMA
 from sysid.rigid_body.body_motion import LAG, OWN, SHARED, THETA, BodyMotion, velocity_increments
-from sysid.rigid_body.filter_error import FilterErrorFit, Prior, flight_slice
+from sysid.rigid_body.filter_error import FilterErrorFit, Prior, flight_slice, inverted
 from sysid.statistics.covariance import wander
 
 #: Part of the whole drag at the usual speed along an axis by which the laws of drag misrepresent it: half of the
@@ -94,11 +94,8 @@ def _with_curvature(motions: Sequence[BodyMotion], fit: FilterErrorFit, prior: P
 def _curvature_variance(fit: FilterErrorFit, prior: Prior) -> float:
     """Variance of the curvature by the scatter within flights and by the parameters, under one law of drag."""
     free = np.flatnonzero(prior.sigma > 0.0)
-    information = fit.information[np.ix_(free, free)] + np.diag(prior.sigma[free] ** -2.0)
-    size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    place = int(np.flatnonzero(free == EXPO)[0])
-    inverse = np.linalg.pinv(information / np.outer(size, size), hermitian=True)
-    return float(inverse[place, place] / size[place] ** 2)
+    both = inverted(fit.information[np.ix_(free, free)] + np.diag(prior.sigma[free] ** -2.0))
+    return float(np.diag(both)[free == EXPO].item())
 
 
 def _wandering(motions: Sequence[BodyMotion], values: Floats, law: int) -> float:
