@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
+from core.runs import runs
 from logparse.craft.pwm_range import pwm_range
 from logparse.heights import heights, slope_down, smoothed
 from logparse.tables import Tables
@@ -188,9 +189,8 @@ def wing_borne_px4(status: pd.DataFrame | None) -> list[tuple[float, float]]:
     else:
         return []
     t = status.index.to_numpy(np.float64)
-    changes = np.flatnonzero(np.diff(np.concatenate([[False], wings, [False]]).astype(int)))
     ends = np.append(t, np.inf)  # what was said last holds on
-    return [(float(ends[first]), float(ends[last])) for first, last in changes.reshape(-1, 2)]
+    return [(float(ends[first]), float(ends[last])) for first, last in runs(wings)]
 
 
 def idle_level(parameters: Mapping[str, float]) -> float:

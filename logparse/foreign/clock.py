@@ -9,6 +9,7 @@ import numpy.typing as npt
 from scipy.ndimage import percentile_filter
 
 from core.findings import Finding
+from core.runs import runs
 from logparse.foreign.files import TableError, table_finding
 
 Floats = npt.NDArray[np.float64]
@@ -123,28 +124,26 @@ def known_rows(
             raise TableError(
                 f"{label}: column {name}: {100 * bad.mean():.0f} % of the samples are missing, too many to fill"
             )
-        edges = np.flatnonzero(np.diff(np.r_[0, bad.astype(np.int8), 0]))
-        lengths = edges[1::2] - edges[::2]
-        long = lengths * dt > LONGEST_GAP
+        gaps = runs(bad)
+        lengths = np.diff(gaps)[:, 0]
+        long = gaps[lengths * dt > LONGEST_GAP]
         out[bad, k] = np.interp(at[bad], at[~bad], out[~bad, k])
         findings.append(
             table_finding(
                 name,
                 f"{int(bad.sum())} of {len(values)} samples are missing, at most {lengths.max() * dt:.2f} s at a time; "
-                + ("gaps are filled" if fill or not long.any() else f"{int(long.sum())} gap(s) end the usable part"),
+                + ("gaps are filled" if fill or not len(long) else f"{len(long)} gap(s) end the usable part"),
                 "export the record without gaps, or allow them to be filled (fill: true)",
             )
         )
         if not fill:
-            for first, last in zip(edges[::2][long], edges[1::2][long], strict=True):
+            for first, last in long:
                 whole[first:last] = False
-    edges = np.flatnonzero(np.diff(np.r_[0, whole.astype(np.int8), 0]))
-    lengths = edges[1::2] - edges[::2]
-    if not len(lengths) or lengths.max() < FEWEST:
-        gaps = ", ".join(str(finding.evidence["column"]) for finding in findings)
-        raise TableError(f"{label}: no {FEWEST} samples in a row are known of every column; gaps are in {gaps}")
-    best = int(np.argmax(lengths))
-    return slice(int(edges[2 * best]), int(edges[2 * best + 1])), out, findings
+    first, last = max(runs(whole).tolist(), key=lambda run: run[1] - run[0], default=(0, 0))
+    if last - first < FEWEST:
+        where = ", ".join(str(finding.evidence["column"]) for finding in findings)
+        raise TableError(f"{label}: no {FEWEST} samples in a row are known of every column; gaps are in {where}")
+    return slice(first, last), out, findings
 
 
 def without_spikes(values: Floats, names: Sequence[str]) -> tuple[Floats, list[Finding]]:
@@ -202,8 +201,8 @@ def held_values(values: Floats, names: Sequence[str], dt: float) -> list[Finding
     values, still = values[rows], still[rows[1:] - 1]
     held: dict[tuple[int, int], list[str]] = {}
     for k, name in enumerate(names):
-        edges = np.flatnonzero(np.diff(np.r_[0, still[:, k].astype(np.int8), 0]))
-        first, length = edges[::2], rows[edges[1::2]] - rows[edges[::2]]
+        first, last = runs(still[:, k]).T
+        length = rows[last] - rows[first]
         if not len(length) or still[:, k].mean() > 0.5:
             continue
         worst = int(np.argmax(length))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from core.runs import runs
 from pipeline.results.fleet import ResponseCurve
 from pipeline.results.rotation import FittedResponse
 from pipeline.results.span import Span
@@ -101,7 +102,8 @@ def bode(curves: Sequence[Curve], name: str, caption: str, unit: str = "dB", *, 
             (0, response.gain_db, gain_band, 20.0 / np.log(10.0), "%{x:.3g} Hz: %{y:.3g} dB"),
             (1, phase, phase_band, np.degrees(1.0), "%{x:.3g} Hz: %{y:.0f}°"),
         ):
-            for part in _runs(np.isfinite(sigma)) if sigma is not None and np.any(sigma) else ():
+            known = runs(np.isfinite(sigma)) if sigma is not None and np.any(sigma) else ()
+            for part in (slice(first, last) for first, last in known if last - first > 1):
                 assert sigma is not None
                 # A 95 % band, at most three times the gain wide.
                 reach = factor * np.minimum(1.96 * sigma[part], 3.0)
@@ -248,16 +250,7 @@ def root_map(by_source: Mapping[str, tuple[Sequence[Root], Sequence[Root]]], nam
     return plot.figure(name, caption, 430, margin={"t": 64})
 
 
-def _runs(known: NDArray[np.bool_]) -> list[slice]:
-    """Return the unbroken runs of two or more points that are known."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True) if b - a > 1]
-
-
 def _incoherent(hz: Floats, coherence: Floats) -> list[Span]:
     """Return the stretches of frequency in which the coherence is below 0.6, Hz."""
-    bad = np.concatenate([[False], coherence < COHERENT, [False]])
-    edges = np.flatnonzero(np.diff(bad.astype(int)))
     last = len(hz) - 1
-    pairs = zip(edges[::2], edges[1::2], strict=True)
-    return [Span(float(hz[max(a - 1, 0)]), float(hz[min(b, last)])) for a, b in pairs]
+    return [Span(float(hz[max(a - 1, 0)]), float(hz[min(b, last)])) for a, b in runs(coherence < COHERENT)]

@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
+from core.runs import runs
 from core.units import quantity
 from logparse import FlightLog
 from logparse.canonical.control import throttle_output
@@ -100,8 +101,7 @@ def record_of_chirp(
     clock, values, usable = on_uniform_clock(t, [*commands, answer])
     refuse_scattered(log, lost_one_by_one(t, float(clock[1] - clock[0])))
     hz = np.interp(clock, chirp.t, chirp.hz)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~usable, [False]]).astype(int)))
-    holes = [(float(hz[a]), float(hz[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    holes = [(float(hz[a]), float(hz[b - 1])) for a, b in runs(~usable)]
     return AxisRecord(
         name=f"{log.path.name} [{chirp.start:.1f}-{chirp.stop:.1f} s]",
         start=float(clock[0]),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from core.compiled import njit
 from core.kernel_types import Int64s, Stack
+from core.runs import runs
 from sysid.frequency.records import AxisRecord, Logged
 from sysid.frequency.response import Complex, Floats
 from sysid.records.filtering import detrended, hann, low_pass_taps
@@ -325,9 +326,8 @@ def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
     """Return which samples count when holes up to `longest` samples do."""
     if usable.all():
         return usable
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~usable, [False]]).astype(int)))
     counted = usable.copy()
-    for start, stop in zip(edges[::2], edges[1::2], strict=True):
+    for start, stop in runs(~usable):
         counted[start:stop] = stop - start <= longest
     return counted
 
