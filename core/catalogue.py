@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from core.findings import Finding, Severity
+from core.findings import Happening, Severity
 from core.serialization import restored
 
 
@@ -69,10 +69,10 @@ def finding(
     severity: Severity | None = None,
     advice: str | None = None,
     **evidence: str | float | bool | None,
-) -> Finding:
+) -> Happening:
     """Make a finding of something that happened at a time; by default with the catalogue's severity and advice."""
     entry = _entries()[name]
-    return Finding(
+    return Happening(
         id=name,
         severity=entry.severities[0] if severity is None else severity,
         reason=reason,

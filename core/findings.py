@@ -36,9 +36,6 @@ class Finding:
     advice: str = ""  #: What to do about it; empty when there is nothing to do.
     #: The numbers behind the reason (byte offsets, counts, seconds), SI units unless the name says otherwise.
     evidence: Mapping[str, str | int | float | bool | None] = field(default_factory=dict)
-    #: First and last moment of what happened in a flight, s on the log's boot clock; None for what has no time.
-    t: float | None = None
-    end: float | None = None
     #: What it was gathered from, where several findings are of one kind.
     parts: tuple["Finding", ...] = ()
 
@@ -46,6 +43,15 @@ class Finding:
     def notable(self) -> bool:
         """Whether a healthy flight has no such finding."""
         return self.severity is not Severity.INFO
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Happening(Finding):
+    """A finding of something that happened in a flight."""
+
+    #: First and last moment, s on the log's boot clock.
+    t: float
+    end: float
 
 
 def info(identifier: str, reason: str, advice: str = "", **evidence: str | int | float | bool | None) -> Finding:

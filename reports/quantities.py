@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from core.findings import Happening
 from core.parameter import Parameter
 from pipeline.results.drift import CraftReview
 from pipeline.results.report import FlightReport
@@ -140,13 +141,13 @@ def health_of(report: FlightReport) -> list[HealthEvent]:
         HealthEvent(
             id=finding.id,
             severity=str(finding.severity),
-            t_s=finding.t if timed else None,
-            end_s=finding.end if timed else None,
+            t_s=finding.t if isinstance(finding, Happening) else None,
+            end_s=finding.end if isinstance(finding, Happening) else None,
             reason=finding.reason,
             advice=finding.advice,
-            provenance=_provenance(report, "account of the flight" if timed else "findings"),
+            provenance=_provenance(report, where),
         )
-        for findings, timed in ((happenings, True), (report.findings, False))
+        for findings, where in ((happenings, "account of the flight"), (report.findings, "findings"))
         for finding in findings
     ]
 

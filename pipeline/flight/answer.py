@@ -63,16 +63,10 @@ def _damage(result: FlightResult) -> Iterator[AnswerLine]:
 
 def next_step(result: FlightResult) -> str:
     """Return what to inspect before the next flight, else how to fly or log better."""
-    account = result.account
-    if not isinstance(account, Failure):
-        places = {(finding.id, finding.t): place for place, finding in enumerate(account.story)}
-        causes_first = sorted(account.notable, key=lambda finding: places.get((finding.id, finding.t), len(places)))
-        if advice := next((finding.advice for finding in causes_first if finding.advice), ""):
-            return advice
-    if advice := next((finding.advice for finding in _damages(result) if finding.advice), ""):
-        return advice
-    first = next(iter(result.advice), None)
-    return "" if first is None else f"{first.do.rstrip('.')}."
+    account, first = present(result.account), next(iter(result.advice), None)
+    found = (*(() if account is None else account.causes_first), *_damages(result))
+    otherwise = "" if first is None else f"{first.do.rstrip('.')}."
+    return next((finding.advice for finding in found if finding.advice), otherwise)
 
 
 #: Time shown before and after what happened, s.
@@ -94,9 +88,9 @@ _FAILSAFES: Mapping[str, Picture] = {"FAILSAFE_BATTERY": Picture.BATTERY, "FAILS
 def picture_of(result: FlightResult) -> tuple[Picture, Span | None]:
     """Choose the plot of the first screen, and the stretch of time that it shows; None for the whole flight."""
     account, flight = present(result.account), present(result.flight)
-    if account is not None and flight is not None and (cause := account.cause) is not None and cause.t is not None:
+    if account is not None and flight is not None and (cause := account.cause) is not None:
         last = account.story[-1]
-        end = max(last.t or cause.t, min(last.end or cause.t, cause.t + 20.0))
+        end = max(last.t, min(last.end, cause.t + 20.0))
         around = Span(max(cause.t - _BEFORE, flight.start - 2.0), end + _AFTER)
         picture = _SHOWS.get(cause.id, Picture.ALTITUDE)
         picture = _FAILSAFES.get(str(cause.evidence.get("subsystem")), picture)

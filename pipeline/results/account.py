@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from core.findings import Finding, Severity
+from core.findings import Happening, Severity
 from core.parameter import Parameter
 from pipeline.results.span import Span
 
@@ -31,7 +31,7 @@ GRAVITY = (
 )
 
 
-def gravity(happening: Finding) -> int:
+def gravity(happening: Happening) -> int:
     """Return the place of a happening among all, 0 for the gravest."""
     return GRAVITY.index(happening.id) if happening.id in GRAVITY else len(GRAVITY)
 
@@ -141,9 +141,9 @@ class Account:
     gps: GpsReading | None = None
     hover: HoverReading | None = None
     motors: MotorsReading | None = None
-    happenings: tuple[Finding, ...] = ()  #: Each with its time; the gravest first, what is only to be known last.
+    happenings: tuple[Happening, ...] = ()  #: Each with its time; the gravest first, what is only to be known last.
     #: The gravest with what led to it and what followed, in the order of time; what to do stands with the happenings.
-    story: tuple[Finding, ...] = ()
+    story: tuple[Happening, ...] = ()
     headline: str = ""  #: The story in a sentence, or that nothing happened.
     unseen: tuple[str, ...] = ()  #: Which parts of the flight the log does not hold, a sentence each.
     unknown: tuple[str, ...] = ()  #: What the log does not tell, a clause each.
@@ -151,7 +151,7 @@ class Account:
     sound: Span | None = None
 
     @property
-    def cause(self) -> Finding | None:
+    def cause(self) -> Happening | None:
         """What the story began with; None where nothing happened."""
         return self.story[0] if self.story else None
 
@@ -167,15 +167,21 @@ class Account:
         return ", ".join(dict.fromkeys((names[0], names[-1])))
 
     @property
-    def gravest(self) -> Finding | None:
+    def gravest(self) -> Happening | None:
         """What mattered most; None where nothing happened."""
         first = self.happenings[0] if self.happenings else None
         return first if first is not None and first.notable else None
 
     @property
-    def notable(self) -> tuple[Finding, ...]:
+    def notable(self) -> tuple[Happening, ...]:
         """Happenings that a healthy flight does not have, the gravest first."""
         return tuple(happening for happening in self.happenings if happening.notable)
+
+    @property
+    def causes_first(self) -> tuple[Happening, ...]:
+        """The notable happenings, those of the story before all others and in its order."""
+        places = {(happening.id, happening.t): place for place, happening in enumerate(self.story)}
+        return tuple(sorted(self.notable, key=lambda happening: places.get((happening.id, happening.t), len(places))))
 
     @property
     def severity(self) -> Severity:

@@ -14,8 +14,9 @@ import pandas as pd
 import pymap3d
 from numpy.typing import NDArray
 
+from core.findings import Happening
 from core.quantity import uncertain
-from logparse import Finding, Geodetic
+from logparse import Geodetic
 from logparse.heights import above_ground
 from pipeline.flight.summary import mode_spans
 from pipeline.results.answer import Picture
@@ -131,20 +132,20 @@ def _heights(states: pd.DataFrame, height: pd.Series[float] | None) -> Trace:
 
 def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
     """Mark where notable events began."""
-    inside = [(finding, t) for finding, t in notable(result) if states.index[0] <= t <= states.index[-1]][:40]
+    inside = [event for event in notable(result) if states.index[0] <= event.t <= states.index[-1]][:40]
     if not inside:
         return None
-    at = np.clip(states.index.searchsorted([t for _, t in inside]), 0, len(states) - 1)
+    at = np.clip(states.index.searchsorted([event.t for event in inside]), 0, len(states) - 1)
     east, north = (states[name].to_numpy(float)[at] for name in ("p_e", "p_n"))
-    text = [f"{finding.id.replace('-', ' ')}, {t:.1f} s" for finding, t in inside]
+    text = [f"{event.id.replace('-', ' ')}, {event.t:.1f} s" for event in inside]
     hover = "%{text}<extra></extra>"
     return marks(east, north, "events", "@bad", symbol="x", size=10, text=text, hover=hover)
 
 
-def notable(result: FlightResult) -> list[tuple[Finding, float]]:
-    """List what happened with its times, the gravest first."""
+def notable(result: FlightResult) -> tuple[Happening, ...]:
+    """Return what happened, the gravest first."""
     account = present(result.account)
-    return [(finding, finding.t) for finding in (() if account is None else account.notable) if finding.t is not None]
+    return () if account is None else account.notable
 
 
 def _wind_arrow(result: FlightResult) -> list[Drawn]:
@@ -377,7 +378,7 @@ def _matters(result: FlightResult, height: int) -> Figure | None:
         shown = Span(around.start, _end(drawn, around.stop))
         # Names of modes would cover those of what happened.
         layout["annotations"] = _names(result, shown)
-        happened = [mark_line(t, "@bad", 1.5) for _, t in notable(result)[:20]]
+        happened = [mark_line(event.t, "@bad", 1.5) for event in notable(result)[:20]]
         layout["shapes"] = [*_background(result, layout), *happened]
         layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
@@ -402,9 +403,8 @@ def _names(result: FlightResult, around: Span) -> list[Drawn]:
     names: list[Drawn] = []
     taken: list[tuple[float, float]] = []
     account = present(result.account)
-    story = () if account is None else account.story
-    for event, t in sorted(notable(result), key=lambda noted: noted[0] not in story):
-        text = event.id.replace("-", " ")
+    for event in () if account is None else account.causes_first:
+        t, text = event.t, event.id.replace("-", " ")
         # Width of a letter above a plot, as a part of the plot's width.
         width = 0.012 * len(text) * around.duration
         for side, low, high in (("left", t, t + width), ("right", t - width, t)):

@@ -115,9 +115,7 @@ def _sag(result: FlightResult) -> Parameter | None:
 def _marks(result: FlightResult) -> list[Drawn]:
     """Draw each notable happening as a line where it began."""
     account = present(result.account)
-    times = sorted(
-        {round(finding.t, 1) for finding in (() if account is None else account.notable) if finding.t is not None}
-    )
+    times = sorted({round(happening.t, 1) for happening in (() if account is None else account.notable)})
     return [mark_line(t, "@judged") for t in times[:40]]
 
 

@@ -86,7 +86,7 @@ def _events(result: FlightResult, points: list[_Point]) -> list[tuple[str, str, 
     times = np.array([point.t for point in points])
     events = []
     for event in account.notable:
-        if event.t is not None and times[0] - 1.0 <= event.t <= times[-1] + 5.0:
+        if times[0] - 1.0 <= event.t <= times[-1] + 5.0:
             nearest = points[int(np.argmin(np.abs(times - event.t)))]
             events.append((event.id.replace("-", " "), f"{event.t:.1f} s: {event.reason}", nearest))
     return events

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 
-from core.findings import Finding
+from core.findings import Happening
 from core.quantity import alike, duration, number, per_degree, size
 from core.table import Cell, Row, Table
 from logparse import Vehicle
@@ -19,39 +19,31 @@ from reports.views import log_words
 
 
 def happened(account: Account | None) -> Table | None:
-    """Lay out what happened; an advice that was given in a row before is not repeated."""
-    return None if account is None or not account.notable else _table(account, _advised(account))
+    """Lay out what happened."""
+    return None if account is None or not account.notable else _table(account, account.notable)
 
 
 def reported(account: Account | None) -> Table | None:
     """Lay out what was only reported."""
     quiet = [] if account is None else [happening for happening in account.happenings if not happening.notable]
     # Most rows of what was only reported.
-    return None if account is None or not quiet else _table(account, ((finding, "") for finding in quiet[:40]))
+    return None if account is None or not quiet else _table(account, quiet[:40])
 
 
-def _advised(account: Account) -> Iterator[tuple[Finding, str]]:
-    given: set[str] = set()
-    for finding in account.notable:
-        yield finding, "" if finding.advice in given else finding.advice
-        given.add(finding.advice)
-
-
-def _table(account: Account, rows: Iterator[tuple[Finding, str]]) -> Table:
+def _table(account: Account, rows: Sequence[Happening]) -> Table:
     heads = ["log (s)", "for", "what", "evidence and what to do"]
-    return Table("in flight", heads, [_row(account, *row) for row in rows], texts=(2, 3), style="events")
+    return Table("in flight", heads, [_row(account, happening) for happening in rows], texts=(2, 3), style="events")
 
 
-def _row(account: Account, happening: Finding, advice: str) -> Row:
-    t, end = happening.t or 0.0, happening.end or 0.0
-    flight, severity = account.flight, happening.severity
+def _row(account: Account, happening: Happening) -> Row:
+    t, end, flight, severity = happening.t, happening.end, account.flight, happening.severity
     return Row(
         "" if flight is None or t < flight.start else duration(t - flight.start),
         [
             f"{t:.1f}",
             f"{number(end - t, 2)} s" if end - t > 0.05 else "",
             Cell(happening.id.replace("-", " "), severity, badge=severity.word),
-            Cell(happening.reason, under=advice),
+            Cell(happening.reason, under=happening.advice),
         ],
     )
 

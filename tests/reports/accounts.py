@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-from core.findings import Finding, Severity
+from core.findings import Happening, Severity
 from pipeline.flight.account.story import gravest_first, headline, tell_story, uneventful
 from pipeline.flight.answer import compose_answer
 from pipeline.results.account import Account, BatteryReading, GpsReading, HoverReading, MotorsReading, Reading
@@ -29,17 +29,17 @@ STATE = {
 }
 
 
-def happening(identity: str, t: float, severity: Severity = Severity.ERROR, lasted: float = 1.0, **more) -> Finding:
+def happening(identity: str, t: float, severity: Severity = Severity.ERROR, lasted: float = 1.0, **more) -> Happening:
     """Return a happening; `more` is its reason, advice or evidence."""
     evidence = more.pop("evidence", {})
     reason = more.pop("reason", f"The {identity} happened.")
-    return Finding(identity, severity, reason, more.pop("advice", "Look at it."), evidence, t=t, end=t + lasted)
+    return Happening(identity, severity, reason, more.pop("advice", "Look at it."), evidence, t=t, end=t + lasted)
 
 
 READ = ("height", "distance")
 
 
-def account(*happenings: Finding, flight: Span | None = FLIGHT, **changed) -> Account:
+def account(*happenings: Happening, flight: Span | None = FLIGHT, **changed) -> Account:
     """Return the account of a flight in which this happened."""
     ordered = gravest_first(happenings)
     story = tell_story(ordered)
@@ -55,7 +55,7 @@ LOST = happening("motor-fault", 70.0, reason="Motor 2 lost 60 ± 5 % of its thru
 CRASH = happening("crash", 72.0, reason="The craft hit the ground at 6 m/s.")
 
 
-def answered(given: FlightResult, /, *happenings: Finding, state=None, **changed) -> FlightResult:
+def answered(given: FlightResult, /, *happenings: Happening, state=None, **changed) -> FlightResult:
     """Return a flight in which this happened, with other fields, and what its first screen then says."""
     flight_account = account(*happenings, **(state or {}))
     result = dataclasses.replace(given, **({"account": flight_account, "signals": signals()} | changed))

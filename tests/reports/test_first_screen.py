@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from core.findings import Finding, Severity
+from core.findings import Finding, Happening, Severity
 from core.parameter import Parameter
 from logparse import Vehicle
 from pipeline.flight.identification import model_result
@@ -264,7 +264,7 @@ def test_a_reason_that_many_flights_share_is_said_once_with_the_range_of_its_num
 
 def test_a_folder_tells_first_how_many_flights_ended_badly_and_names_the_gravest(kinds):
     flights = [dataclasses.replace(flight_report(kind).in_short(name), name=name) for name, kind in kinds.items()]
-    lost = Finding(id="gps-lost", severity=Severity.ERROR, reason="No fix.", advice="", t=5.0)
+    lost = Happening(id="gps-lost", severity=Severity.ERROR, reason="No fix.", t=5.0, end=5.0)
     less = dataclasses.replace(flights[1].account, story=(lost,))
     blind = dataclasses.replace(flights[1], name="blind", account=less)
     numbers = made(FleetReport, flights=[blind, *flights])

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from math import inf, isfinite
 
-from core.findings import Finding
+from core.findings import Happening
 from logparse import FlightLog, Tables
 from logparse.heights import heights
 from pipeline.flight.account import state
@@ -68,9 +68,9 @@ def account_of(readings: Readings) -> Account:
     lost = next((finding.t for finding in story if finding.id in _ENDING or finding.id == "control-lost"), None)
     height = state.height(readings)
     doubtful = tuple(
-        Span(finding.t - 1.0, (finding.end or finding.t) + RECOVERS)
+        Span(finding.t - 1.0, finding.end + RECOVERS)
         for finding in ordered
-        if finding.t is not None and _GPS_WRONG & {finding.id, finding.evidence.get("subsystem")}
+        if _GPS_WRONG & {finding.id, finding.evidence.get("subsystem")}
     )
     distance, speed = state.distance(readings, doubtful), state.ground_speed(readings, doubtful)
     climb, sink = state.climb_and_sink(readings, flight.stop - 1.0 if lost is None else lost)
@@ -113,26 +113,22 @@ def _unknown(tables: Tables) -> tuple[str, ...]:
     return tuple(words for name, words in _LACKS.items() if not tables.has(name))
 
 
-def _happenings(readings: Readings) -> list[Finding]:
+def _happenings(readings: Readings) -> list[Happening]:
     """Return everything that happened, each kind by its own reading."""
     findings = [*attitude_happenings(readings), *power_happenings(readings)]
     stop, touch = readings.flight.stop, contact(readings)
     down = stop if touch is None else min(stop, touch.t)
-    late = {
-        finding.id
-        for finding in findings
-        if finding.t is not None and finding.t < down + _END and (finding.end or finding.t) > down - _END
-    }
+    late = {finding.id for finding in findings if finding.t < down + _END and finding.end > down - _END}
     findings += ground_happenings(
         readings, touch, out_of_control=bool(late & {"control-lost", "yaw-lost"}), sank="lift-lost" in late
     )
     findings += motor_happenings(
-        readings, until=min([stop, *(finding.t for finding in findings if finding.id in _UNTRIMMED and finding.t)])
+        readings, until=min([stop, *(finding.t for finding in findings if finding.id in _UNTRIMMED)])
     )
     return [*findings, *sensor_happenings(readings), *reported_happenings(readings)]
 
 
-def _advised_once(happenings: Iterable[Finding]) -> Iterator[Finding]:
+def _advised_once(happenings: Iterable[Happening]) -> Iterator[Happening]:
     """Yield happenings, each advice only with the gravest that has it."""
     given = {""}
     for finding in happenings:
@@ -140,26 +136,26 @@ def _advised_once(happenings: Iterable[Finding]) -> Iterator[Finding]:
         given.add(finding.advice)
 
 
-def _until_crash(happenings: Sequence[Finding]) -> list[Finding]:
+def _until_crash(happenings: Sequence[Happening]) -> list[Happening]:
     """Leave out what only follows from a crash, after which all sensors and loops are wrong."""
-    crash = min((finding.t for finding in happenings if finding.id == "crash" and finding.t is not None), default=inf)
+    crash = min((finding.t for finding in happenings if finding.id == "crash"), default=inf)
     return [
         finding
         for finding in happenings
-        if finding.t is None or finding.t <= crash or finding.id in ("crash", "failsafe", "autopilot-error")
+        if finding.t <= crash or finding.id in ("crash", "failsafe", "autopilot-error")
     ]
 
 
-def _sound(flight: Span, ordered: tuple[Finding, ...], story: tuple[Finding, ...]) -> Span:
+def _sound(flight: Span, ordered: tuple[Happening, ...], story: tuple[Happening, ...]) -> Span:
     """Return the part of the flight before the craft broke; a crash begins with the loss that its story names."""
     broke = [finding for finding in ordered if finding.id in _ENDING and finding.notable]
     if story and story[-1].id in _ENDING:
         broke += [finding for finding in story if finding.id in ("control-lost", "lift-lost", "yaw-lost")]
-    stop = min([flight.stop, *(finding.t - _MARGIN for finding in broke if finding.t is not None)])
+    stop = min([flight.stop, *(finding.t - _MARGIN for finding in broke)])
     return Span(flight.start, max(stop, flight.start))
 
 
-def _phases(readings: Readings, story: tuple[Finding, ...]) -> tuple[Phase, ...]:
+def _phases(readings: Readings, story: tuple[Happening, ...]) -> tuple[Phase, ...]:
     """Part the log into the ground before, the flight, the fall of a craft that crashed, and the ground after."""
     flight, belongs = readings.flight, readings.belongs
     fall = next((finding.t for finding in story if finding.id in ("control-lost", "lift-lost")), None)
@@ -179,13 +175,13 @@ def _logged(t: float) -> float | None:
     return t if isfinite(t) else None
 
 
-def _on_the_ground(happenings: tuple[Finding, ...], *, other: bool, height_known: bool) -> str:
+def _on_the_ground(happenings: tuple[Happening, ...], *, other: bool, height_known: bool) -> str:
     """Write the headline of a log without a flight, with what the autopilot reported last."""
     shown = (
         "The craft is no multirotor: its flights are not told"
         if other
         else f"The log shows {'no flight' if height_known else 'no height: whether the craft flew is not known'}"
     )
-    last = max(happenings, key=lambda finding: finding.t or 0.0, default=None)
+    last = max(happenings, key=lambda finding: finding.t, default=None)
     report = "" if last is None else f" {last.reason.rstrip('.')} ({last.t:.1f} s)."
     return f"{shown}.{report}"

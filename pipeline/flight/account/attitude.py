@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from core.catalogue import finding
-from core.findings import Finding
+from core.findings import Happening
 from logparse.tables import between
 from pipeline.flight.account.readings import BLIND, Readings, stretches
 from pipeline.flight.account.vibration import Floats
@@ -28,14 +28,14 @@ _WINDOW, _LOWEST, _AMPLITUDE, _PURITY, _UNASKED, _LASTING = 2.0, 2.0, np.radians
 _SLOWEST, _STICKS = 20.0, 5.0
 
 
-def attitude_happenings(readings: Readings) -> Iterator[Finding]:
+def attitude_happenings(readings: Readings) -> Iterator[Happening]:
     """Yield what went wrong with the attitude in flight."""
     yield from _lost(readings)
     yield from _yaw(readings)
     yield from _oscillations(readings)
 
 
-def _lost(readings: Readings) -> Iterator[Finding]:
+def _lost(readings: Readings) -> Iterator[Happening]:
     error = readings.attitude_error
     if error is None or len(error) < 3:
         return
@@ -69,7 +69,7 @@ def _with(limits: str) -> str:
     return f", {limits}" if limits else ""
 
 
-def _yaw(readings: Readings) -> Iterator[Finding]:
+def _yaw(readings: Readings) -> Iterator[Happening]:
     """Find times in which the craft turned faster than asked, or against it, for longer than a stick needs."""
     columns = list(readings.tables.columns("rates", ("w_z", "w_z_ref")))
     if len(columns) < 2:
@@ -92,7 +92,7 @@ def _yaw(readings: Readings) -> Iterator[Finding]:
         )
 
 
-def _oscillations(readings: Readings) -> Iterator[Finding]:
+def _oscillations(readings: Readings) -> Iterator[Happening]:
     """Find stretches in which a rate swings at one frequency without being asked to."""
     for axis, name in (("x", "roll"), ("y", "pitch"), ("z", "yaw")):
         # One axis at a time: all columns of a fast loop together are nearly as large as the log.

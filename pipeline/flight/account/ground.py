@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.catalogue import finding
-from core.findings import Finding
+from core.findings import Happening
 from core.units import STANDARD_GRAVITY
 from logparse.tables import between
 from pipeline.flight.account.power import SINKING
@@ -117,7 +117,7 @@ def _down(readings: Readings) -> float:
 
 def ground_happenings(
     readings: Readings, touch: Contact | None, *, out_of_control: bool, sank: bool
-) -> Iterator[Finding]:
+) -> Iterator[Happening]:
     """Yield crash or hard landing, shocks in flight, and disarming in the air.
 
     `out_of_control` and `sank` say whether control or lift was lost as the craft met the ground.
@@ -153,7 +153,7 @@ def _how(touch: Contact) -> str:
     return sink + (f" ({touch.force:.0f} m/s²)" if touch.force > 0.0 else "")
 
 
-def _touches(readings: Readings, until: float) -> Iterator[Finding]:
+def _touches(readings: Readings, until: float) -> Iterator[Happening]:
     """Find shocks in flight, after which the craft flew on."""
     if readings.force is None:
         return
@@ -166,7 +166,7 @@ def _touches(readings: Readings, until: float) -> Iterator[Finding]:
         )
 
 
-def _disarmed_in_air(readings: Readings) -> Finding | None:
+def _disarmed_in_air(readings: Readings) -> Happening | None:
     events = readings.tables.events
     if events is None:
         return None

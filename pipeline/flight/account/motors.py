@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from core.catalogue import finding
-from core.findings import Finding, Severity
+from core.findings import Happening, Severity
 from logparse import MissingDataError
 from pipeline.flight.account.readings import Readings
 from sysid.rotors.motor_faults import MotorFault, find_motor_faults
@@ -14,7 +14,7 @@ from sysid.rotors.motor_faults import MotorFault, find_motor_faults
 _ALL = 0.95
 
 
-def motor_happenings(readings: Readings, until: float) -> Iterator[Finding]:
+def motor_happenings(readings: Readings, until: float) -> Iterator[Happening]:
     """Yield motors at fault before `until`, the first blow or touch-down; none where frame or outputs are missing."""
     try:
         faults = find_motor_faults(readings.tables, readings.vehicle, readings.flight.start, until)

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from core.catalogue import finding
-from core.findings import Finding
+from core.findings import Happening
 from pipeline.flight.account.readings import HOLDING, Readings, at, stretches
 
 #: Full throttle, and part of the reserve above the usual one at which a craft should climb (7-9-2014_24 sank for three
@@ -25,14 +25,14 @@ _CAUGHT = 0.75
 _SAGS = 0.01
 
 
-def power_happenings(readings: Readings) -> Iterator[Finding]:
+def power_happenings(readings: Readings) -> Iterator[Happening]:
     """Yield lost lift, and throttle that ran away."""
     throttle, sink = readings.throttle, readings.sink
     if throttle is not None and sink is not None:
         yield from _full_throttle(readings, throttle, sink)
 
 
-def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Series[float]) -> Iterator[Finding]:
+def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Series[float]) -> Iterator[Happening]:
     t, given = throttle.index.to_numpy(np.float64), throttle.to_numpy(np.float64)
     down, flying = at(t, sink), readings.flying(t)
     usual = float(np.median(given[flying])) if flying.any() else 1.0

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from core.catalogue import finding
-from core.findings import Finding, Severity
+from core.findings import Happening, Severity
 from pipeline.flight.account.readings import Readings
 
 #: Subsystems of ERR by what they are to a pilot, and what to look at. Those without words here are named as logged.
@@ -71,7 +71,7 @@ class _Report:
     code: str
 
 
-def reported_happenings(readings: Readings) -> Iterator[Finding]:
+def reported_happenings(readings: Readings) -> Iterator[Happening]:
     """Yield what the autopilot reported, what came again and again once; on the ground it is only noted."""
     by_kind: dict[str, list[_Report]] = {}
     for report in _reports(readings):
@@ -81,7 +81,7 @@ def reported_happenings(readings: Readings) -> Iterator[Finding]:
         yield _told(subsystem, flown or several, flying=bool(flown))
 
 
-def _told(subsystem: str, several: list[_Report], *, flying: bool) -> Finding:
+def _told(subsystem: str, several: list[_Report], *, flying: bool) -> Happening:
     words, advice = _WORDS.get(subsystem) or _ALARMS.get(subsystem) or (f"error {subsystem} {several[0].code}", "")
     first, last = several[0].t, several[-1].t
     again = f", {len(several)} times until {last:.1f} s" if len(several) > 1 else ""

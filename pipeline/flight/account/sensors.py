@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from core.catalogue import finding
-from core.findings import Finding, Severity
+from core.findings import Happening, Severity
 from core.quantity import number
 from logparse.heights import WRONG, smoothed
 from pipeline.flight.account.readings import (
@@ -34,7 +34,7 @@ _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
 _SHARE = 0.1
 
 
-def sensor_happenings(readings: Readings) -> Iterator[Finding]:
+def sensor_happenings(readings: Readings) -> Iterator[Happening]:
     """Yield what sensors and estimates did in flight that they should not."""
     gps = readings.tables.gps
     if gps is not None and len(gps) > 3 and (gps["fix"] >= 3.0).any():
@@ -43,7 +43,7 @@ def sensor_happenings(readings: Readings) -> Iterator[Finding]:
     yield from _vibrations(readings)
 
 
-def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Finding]:
+def _gps(readings: Readings, gps: pd.DataFrame) -> Iterator[Happening]:
     """Find lost fixes, silence of the receiver and jumps; a receiver that never had a fix loses nothing."""
     t = gps.index.to_numpy(np.float64)
     flying = readings.flying(t)
@@ -99,7 +99,7 @@ def _not_alone(sign: Mask) -> Mask:
     return np.asarray(sign & (beside[:-2] | beside[2:]))
 
 
-def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[Finding]:
+def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[Happening]:
     """Find times in flight without a word from the receiver while the log went on; telemetry repeats its last word."""
     others = [times for name in ("attitude", "baro", "motors") if (times := readings.tables.times(name)) is not None]
     if not others or "GPS_RAW_INT" in readings.messages:
@@ -122,7 +122,7 @@ def _silence(readings: Readings, t: Floats, losses: list[Stretch]) -> Iterator[F
         )
 
 
-def _height(readings: Readings) -> Iterator[Finding]:
+def _height(readings: Readings) -> Iterator[Happening]:
     """Find a barometer that stopped or stayed in the air, or an autopilot whose height ran away."""
     flight = readings.flight
     if readings.barometer_stopped is not None:
@@ -164,7 +164,7 @@ def _height(readings: Readings) -> Iterator[Finding]:
         )
 
 
-def _vibrations(readings: Readings) -> Iterator[Finding]:
+def _vibrations(readings: Readings) -> Iterator[Happening]:
     """Find vibration beyond the published limit, or that rose and stayed."""
     measured = readings.vibration
     if measured is None:

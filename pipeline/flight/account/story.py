@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from core.findings import WORST_FIRST, Finding, Severity
+from core.findings import WORST_FIRST, Happening, Severity
 from core.quantity import duration, number
 from pipeline.results.account import GRAVITY, Reading, gravity
 from pipeline.results.span import Span
@@ -21,16 +21,14 @@ _READABLE = 36_000.0
 _LED_TO = 3.0
 
 
-def gravest_first(happenings: Sequence[Finding]) -> tuple[Finding, ...]:
+def gravest_first(happenings: Sequence[Happening]) -> tuple[Happening, ...]:
     """Order what happened by severity, then by gravity of its kind, then by time."""
     return tuple(
-        sorted(
-            happenings, key=lambda finding: (WORST_FIRST.index(finding.severity), gravity(finding), finding.t or 0.0)
-        )
+        sorted(happenings, key=lambda finding: (WORST_FIRST.index(finding.severity), gravity(finding), finding.t))
     )
 
 
-def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
+def tell_story(ordered: Sequence[Happening]) -> tuple[Happening, ...]:
     """Return the gravest happening with what led to it, causes first; empty where nothing notable happened."""
     gravest = next((finding for finding in ordered if not _is_remark(finding)), None)
     if gravest is None or not gravest.notable:
@@ -51,14 +49,12 @@ def tell_story(ordered: Sequence[Finding]) -> tuple[Finding, ...]:
     return tuple(chain)
 
 
-def _is_remark(happening: Finding) -> bool:
+def _is_remark(happening: Happening) -> bool:
     return happening.id in _REMARKS and happening.severity is not Severity.ERROR
 
 
-def _leads(cause: Finding, effect: Finding) -> bool:
-    if cause.t is None or effect.t is None or cause.t >= effect.t:
-        return False
-    return effect.t - (cause.t if cause.end is None else cause.end) <= _LED_TO
+def _leads(cause: Happening, effect: Happening) -> bool:
+    return cause.t < effect.t <= cause.end + _LED_TO
 
 
 def _clock(t: float, flight: Span | None) -> str:
@@ -89,14 +85,13 @@ def _clause(sentence: str) -> str:
     return text if first.isupper() and len(first) > 1 else text[:1].lower() + text[1:]
 
 
-def headline(story: Sequence[Finding], flight: Span | None) -> str:
+def headline(story: Sequence[Happening], flight: Span | None) -> str:
     """Write the story in one sentence: the cause with its time, then its consequences."""
     if not story:
         return ""
     first, *rest = story
-    assert first.t is not None
     parts = [f"At {_clock(first.t, flight)} {_clause(first.reason)}"]
-    parts += [f"{_clause(finding.reason)} at {_short_clock(finding.t or 0.0, flight)}" for finding in rest]
+    parts += [f"{_clause(finding.reason)} at {_short_clock(finding.t, flight)}" for finding in rest]
     return "; ".join(parts) + "."
 
 
