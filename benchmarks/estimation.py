@@ -2,15 +2,17 @@
 
 import time
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from benchmarks._measure import Row, cpu, readable, row
-from benchmarks.trust import airborne_truth, autopilots, errors_from, squares_of
+from benchmarks.trust import airborne_truth, errors_from
 from estimation import Trajectory, estimate
 from estimation._kernels import ForwardPass
 from estimation.alignment import align
+from estimation.attitude import quat_from_euler
 from estimation.filter import FilterSegment, assemble
 from estimation.filter import run as filter_forward
 from estimation.observations import observe
@@ -103,6 +105,24 @@ def speed_rows() -> list[Row]:
         what = f"30 s of {rate:.0f} Hz IMU, given the matrices: filterpy"
         rows.append(row(what, f"{ours:.4f} s", f"{theirs:.3f} s", f"{theirs / ours:.0f}", "> 40"))
     return rows
+
+
+def squares_of(error: pd.DataFrame, measures: dict[str, tuple[str, ...]]) -> dict[str, float]:
+    """Mean squares of errors by measure."""
+    return {
+        name: float(np.nanmean((error[[*columns]].to_numpy(float) ** 2).sum(axis=1)))
+        for name, columns in measures.items()
+    }
+
+
+def autopilots(log: FlightLog, like: Trajectory) -> Trajectory | None:
+    """Return EKF3's estimate as a trajectory."""
+    ekf = log.tables.ekf
+    if ekf is None:
+        return None
+    quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy(float).T)
+    columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
+    return replace(like, states=ekf.assign(**columns).dropna())
 
 
 def pooled(flights: Iterable[tuple[FlightLog, Trajectory]]) -> dict[str, pd.Series]:

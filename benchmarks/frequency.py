@@ -6,7 +6,6 @@ import json
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -14,16 +13,14 @@ import pandas as pd
 from scipy.signal import csd, welch
 
 import logparse
-from benchmarks._measure import CRAFT, LOGS, SHARED, Row, readable, rms, row, timed, unpacked
+from benchmarks._measure import CRAFT, LOGS, SHARED, Row, readable, row, timed, unpacked
 from benchmarks.real_flights import nanodrone_table
-from core.parameter import Parameter
 from logparse import FlightLog
 from pipeline.fleet.history import history
 from pipeline.fleet.meta_analysis import ALPHA, holm
 from pipeline.results.drift import FlightPoint
 from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis, write_rate_log
 from sysid import Experiment, frequency
-from sysid.frequency.excitation import Within
 from sysid.frequency.structures import low_pass
 from sysid.frequency.survey import survey
 
@@ -257,42 +254,16 @@ def _by_scipy(run: AxisRun) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _real() -> Iterator[Row]:
-    """Count real flights with a determined statement, and compare the halves of each."""
+    """Count real flights with a determined statement."""
     flights = determined = 0
-    scores: list[float] = []
     for path, log in readable("real/*"):
         flight = log.flight
         rates = [_rate(log.tables.attitude), _rate(log.tables.rates)]
         if "plane" in path.name or "rover" in path.name or flight is None or flight.duration < 20.0 or max(rates) < 9.5:
             continue
         flights += 1
-        known = False
-        halves = [*pairwise(np.linspace(flight.start, flight.stop, 3))]
-        for axis, stated in product(("roll", "pitch", "yaw", "vertical"), (_gain, _attitude)):
-            if stated(log, axis):
-                known = True
-                first, second = (stated(log, axis, within) for within in halves)
-                for one, other in zip(first, second, strict=False):
-                    scores.append((one.value - other.value) / float(np.hypot(one.sigma or 0.0, other.sigma or 0.0)))
-        determined += known
+        determined += any(axis.determined for axis in survey(log).axes)
     yield row(f"real logs with a determined axis, of {flights} (%)", 100.0 * determined / max(flights, 1), goal="70")
-    yield row(f"halves of real flights, difference over sigma, n = {len(scores)}", rms(scores), goal="below 1.5")
-
-
-def _gain(log: FlightLog, axis: str, within: Within | None = None) -> list[Parameter]:
-    """Return the gain that a part of a flight tells, if it does."""
-    with suppress(frequency.FrequencyError):
-        gain = frequency.fit(frequency.response(log, axis, within)).parameters["gain"]
-        return [] if gain.value is None else [gain]
-    return []
-
-
-def _attitude(log: FlightLog, axis: str, within: Within | None = None) -> list[Parameter]:
-    """Return bandwidth and phase delay that a part of a flight tells, if it does."""
-    with suppress(frequency.FrequencyError):
-        if axis != "vertical" and (answer := frequency.attitude_response(log, axis, within=within)).determined:
-            return [answer.bandwidth, answer.phase_delay]
-    return []
 
 
 def _rate(table: pd.DataFrame | None) -> float:

@@ -20,11 +20,9 @@ from simulation.axis_loop import (
     AxisRun,
     LoopGains,
     Shaking,
-    gains_of,
     random_axis,
     run_axis,
     settings_of,
-    true_loop,
     write_rate_log,
 )
 from sysid.frequency import fit
@@ -34,13 +32,18 @@ from sysid.loops import Limits, prove, tune
 from sysid.loops.chirps import DEFAULT_BAND, DEFAULT_MAGNITUDE, FADE_OUT, design_chirp, first_chirp
 from sysid.loops.evidence import unsupported
 from sysid.loops.known_margins import Margins
-from sysid.loops.margins import margins_of
 from sysid.loops.safety import Aim
 from sysid.loops.search import AxisTuning, tune_axis
-from tests.sysid.axis_flights import flown_loop, fly_chirp, loop_of_flight, procedure_loop, records_of_flight
+from tests.sysid.axis_flights import (
+    flown_loop,
+    fly_chirp,
+    loop_of_flight,
+    procedure_loop,
+    records_of_flight,
+    true_margins,
+)
 
 QUANTITIES = ("crossover_hz", "phase_deg", "gain_db", "rejection_hz", "peak_db")
-HZ = np.geomspace(0.1, 120.0, 4000)
 
 #: The firmware's own SID_T_FADE_IN and SID_T_FADE_OUT in parts of its SID_T_REC.
 DEFAULT_FADES = (15.0 / 70.0, 2.0 / 70.0)
@@ -136,7 +139,7 @@ def _simulated_pairs(count: int = 40) -> list[Row]:
         axis, gains = random_axis(rng)
         p, i, d = (float(rng.uniform(0.6, 1.5)) for _ in range(3))
         other = replace(gains, P=p * gains.P, I=i * gains.I, D=d * gains.D, FLTD=float(rng.choice([15.0, 20.0, 30.0])))
-        truth = margins_of(HZ, true_loop(axis, other, HZ)).row(0)
+        truth = true_margins(axis, other)
         loop = flown_loop(axis, gains, seed)
         foretold = loop.with_gains(P=other.P, I=other.I, D=other.D, FLTD=other.FLTD).margins
         later = flown_loop(axis, other, 1000 + seed).own_margins
@@ -183,8 +186,8 @@ class Truths:
     def add(self, craft: AxisPlant, gains: LoopGains, tuning: AxisTuning) -> None:
         if tuning.tuned is None:
             return
-        before = margins_of(HZ, true_loop(craft, gains, HZ)).row(0)
-        after = margins_of(HZ, true_loop(craft, gains_of(tuning.tuned.settings), HZ)).row(0)
+        before = true_margins(craft, gains)
+        after = true_margins(craft, tuning.tuned.settings)
         worst = tuning.worst
         self.accepted += 1
         self.unsafe += after["phase_deg"] < 30.0 or after["gain_db"] < 4.0 or not after["stable"]

@@ -4,18 +4,14 @@ Flights with the firmware in the loop are read from ../shared/logs/sitl where th
 """
 
 import json
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from benchmarks._measure import SITL, Row, listed, row, sitl_flight, timed
 from simulation.elhesasy2024 import octocopter
-from simulation.mission import FlownChirp, GoTo, Mission, Turn
-from simulation.place import Wind
 from sysid import Experiment, fit_rigid_body, validate
-from tests.sysid.craft_flights import flown as flown_craft
-from tests.sysid.craft_flights import record
+from tests.sysid.craft_flights import exciting, record
 from tests.sysid.honesty import firmware_truth, simulated_truth
 
 NOT_HERE = "no logs"
@@ -25,33 +21,9 @@ def run() -> list[Row]:
     return [*simulated(), *firmware(), *paper_protocol()]
 
 
-@cache
-def flown() -> Experiment:
-    """Fly the octocopter of Elhesasy 2024 for three minutes in light wind and cut the record out."""
-    steps = (
-        GoTo(30.0, 0.0, 8.0, 8.0),
-        GoTo(0.0, 0.0, 8.0, 3.0),
-        GoTo(0.0, 30.0, 8.0, 8.0),
-        GoTo(0.0, 0.0, 30.0, 5.0),
-        Turn(100.0),
-        GoTo(0.0, 0.0, 8.0, 2.0),
-        GoTo(0.0, 0.0, 30.0, 3.0),
-        GoTo(0.0, 0.0, 8.0, 5.0),
-        FlownChirp("roll", 0.08, 0.5, 6.0, 12.0),
-        FlownChirp("pitch", 0.08, 0.5, 6.0, 12.0),
-        FlownChirp("yaw", 0.15, 0.5, 4.0, 10.0),
-        Turn(200.0),
-        GoTo(20.0, 20.0, 25.0, 6.0),
-        GoTo(0.0, 0.0, 8.0, 6.0),
-    )
-    mission, wind = Mission(takeoff=8.0, steps=steps, acceleration=3.0), Wind(speed=2.0, from_deg=220.0, gusts=0.0)
-    seen = record(flown_craft(octocopter(), mission, wind, altitude=400.0, seed=5), name="octocopter")
-    return replace(seen, y=seen.y + 0.01 * np.random.default_rng(5).standard_normal(seen.y.shape))
-
-
 def simulated() -> list[Row]:
     """Fit the octocopter: worst error of what is determined, and the time that it takes."""
-    seen, craft = flown(), octocopter()
+    seen, craft = record(exciting(50.0), np.random.default_rng(1)), octocopter()
     fit_rigid_body([seen.window(seen.t[0], seen.t[0] + 20.0)])  # compiles
     model, seconds = timed(lambda: fit_rigid_body([seen], mass=craft.mass))
     judged = ("thrust", "drag", "roll_gain", "pitch_gain")

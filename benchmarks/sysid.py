@@ -1,15 +1,13 @@
-"""How fast and how well transfer functions are found: Rao-Garnier, a physical craft, and the size of Elhesasy 2024."""
+"""How fast and how well transfer functions are found: Rao-Garnier, and a physical craft."""
 
 import time
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lfilter, lsim, max_len_seq
+from scipy.signal import lsim, max_len_seq
 
-from benchmarks._measure import Row, cpu, listed, row, timed
+from benchmarks._measure import Row, listed, row, timed
 from sysid import Experiment, fit_transfer_functions
-from sysid.transfer_functions.problem import denominators
-from sysid.transfer_functions.response import discretise
 
 #: Rao and Garnier 2002: a fast lightly damped mode beside a slow one, non-minimum phase.
 NUM, DEN = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0]
@@ -33,7 +31,7 @@ MOTOR_LAG, RATE_DAMPING, DRAG, HEAVE = 0.06, 2.0, 0.35, 0.5
 
 
 def run() -> list[Row]:
-    return [*rao_garnier(), *physical_truth(), *paper_size()]
+    return [*rao_garnier(), *physical_truth()]
 
 
 def rao_garnier() -> list[Row]:
@@ -98,22 +96,6 @@ def physical_truth() -> list[Row]:
     return rows
 
 
-def paper_size() -> list[Row]:
-    """Eight inputs and three outputs, five poles and three zeros, 10 Hz: one record, and ten jointly."""
-    records = [octocopter_record(seed, 2000) for seed in range(10)]
-    one = cpu(lambda: fit_transfer_functions(records[:1]))
-    model, joint = timed(lambda: fit_transfer_functions(records[:9]))
-    test = records[9]
-    error = np.sqrt(np.mean((model.simulate(test) - test.y)[30:] ** 2, axis=0))
-    floor = max(report.rmse for report in model.reports.values())
-    return [
-        row("8 inputs, 3 outputs, 5/3, own denominators, N = 2000", f"{one:.2f} s", goal="< 0.7 s"),
-        row("the same, joint fit on 9 records", f"{joint:.1f} s", goal="< 10 s"),
-        row("joint fit: worst training RMSE (noise 0.05 m)", f"{floor:.4f} m", goal="< 0.051 m"),
-        row("joint fit: free run on another record, worst axis (with noise)", f"{error.max():.3f} m", goal="< 0.058 m"),
-    ]
-
-
 def _inputs(samples: int, hold: int) -> np.ndarray:
     return np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, hold)[:samples]
 
@@ -128,28 +110,6 @@ def _rao_garnier_record(seed: int) -> Experiment:
     noise = np.random.default_rng(seed).standard_normal(SAMPLES) * y.std() / np.sqrt(10.0)
     return Experiment.from_arrays(
         np.arange(SAMPLES) * STEP, u, y + noise, name=f"seed {seed}", input_trim=[0.0], output_trim=[0.0]
-    )
-
-
-def octocopter_record(seed: int, samples: int) -> Experiment:
-    """Make a record of eight correlated inputs and three outputs with modes like those of the paper's table A1."""
-    rng = np.random.default_rng(1000 + seed)
-    u = lfilter([1.0], [1.0, -0.9], rng.standard_normal((samples, 8)) @ (np.eye(8) + 0.5), axis=0)
-    u /= u.std(axis=0)
-    modes = np.random.default_rng(0)
-    outputs = []
-    for _ in range(3):
-        theta = np.log([0.5, 0.3, 2.0, 0.5, 0.1]) + 0.3 * modes.standard_normal((8, 5))
-        states = discretise(denominators(theta)[0], 0.1, "zoh").forced(u, range(8))
-        y = np.einsum("tkm,km->t", states[:, :4], modes.standard_normal((4, 8)))
-        outputs.append(y + 0.05 * rng.standard_normal(samples))
-    return Experiment.from_arrays(
-        np.arange(samples) * 0.1,
-        1500.0 + 50.0 * u,
-        np.column_stack(outputs),
-        name=f"record {seed}",
-        output_names=("x", "y", "z"),
-        input_trim=np.full(8, 1500.0),
     )
 
 

@@ -5,25 +5,17 @@ one with NEES of position, velocity and attitude. A sensor of which more than 5 
 must be named; beyond 20 % the trajectory must be withdrawn.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
 from benchmarks._measure import Row, logs, row
 from estimation import Trajectory, errors, estimate
-from estimation.attitude import quat_from_euler
 from estimation.consistency import nees_of
 from logparse import FlightLog, MissingDataError, read_log
 
 SUFFIXES = (".bin", ".BIN", ".log", ".tlog", ".ulg")
-#: What EKF3 is compared in.
-MEASURES = {
-    "position": ("p_n", "p_e", "p_d"),
-    "velocity": ("v_n", "v_e", "v_d"),
-    "tilt": ("phi_n", "phi_e"),
-    "yaw": ("phi_d",),
-}
 
 #: A speed that changes by more between two rows of truth, m/s, is an impact. What lies on the ground is not judged: the
 #: simulator's has 0.12 m/s there.
@@ -44,24 +36,6 @@ def errors_from(trajectory: Trajectory, truth: pd.DataFrame) -> pd.DataFrame:
     error = errors(trajectory, truth)
     error[["p_n", "p_e", "p_d"]] -= error[["p_n", "p_e", "p_d"]].median()
     return error
-
-
-def squares_of(error: pd.DataFrame, measures: dict[str, tuple[str, ...]] = MEASURES) -> dict[str, float]:
-    """Mean squares of errors by measure."""
-    return {
-        name: float(np.nanmean((error[[*columns]].to_numpy(float) ** 2).sum(axis=1)))
-        for name, columns in measures.items()
-    }
-
-
-def autopilots(log: FlightLog, like: Trajectory) -> Trajectory | None:
-    """Return EKF3's estimate as a trajectory."""
-    ekf = log.tables.ekf
-    if ekf is None:
-        return None
-    quat = quat_from_euler(*ekf[["roll", "pitch", "yaw"]].to_numpy(float).T)
-    columns = dict(zip(("q_w", "q_x", "q_y", "q_z"), quat.T, strict=True))
-    return replace(like, states=ekf.assign(**columns).dropna())
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +67,6 @@ def spoken(trajectory: Trajectory) -> str:
 
 def run() -> list[Row]:
     rows: list[Row] = []
-    ours: list[dict[str, float]] = []
-    theirs: list[dict[str, float]] = []
     for packed, path in logs(*(f"{folder}/*" for folder in ("real", "sitl", "pairs", "faults"))):
         if path.suffix not in SUFFIXES:
             continue
@@ -109,18 +81,9 @@ def run() -> list[Row]:
         said = f"{silent} silent{', withdrawn' if withdrawn else ''}"
         rows.append(row(f"{name}: {spoken(trajectory)}", said, goal="< 1"))
         truth = airborne_truth(log)
-        if truth is None or truth.empty or trajectory.method != "strapdown":
+        if withdrawn or truth is None or truth.empty or trajectory.method != "strapdown":
             continue
-        error = errors_from(trajectory, truth)
-        honest = nees_of(trajectory, error)
-        if withdrawn:
-            continue
+        honest = nees_of(trajectory, errors_from(trajectory, truth))
         by_group = ", ".join(f"{group} {value:.2f}" for group, value in honest.items())
         rows.append(row(f"{name}: largest NEES of {by_group}", f"{max(honest.values()):.2f}", goal="< 2"))
-        if (ekf := autopilots(log, trajectory)) is not None:
-            ours.append(squares_of(error))
-            theirs.append(squares_of(errors_from(ekf, truth)))
-    for measure in MEASURES:
-        us, them = (float(np.sqrt(np.mean([one[measure] for one in squares]))) for squares in (ours, theirs))
-        rows.append((f"{measure} on {len(ours)} logs, EKF3", f"{us:.4f}", f"{them:.4f}", f"{us / them:.2f}", "< 1"))
     return rows

@@ -7,8 +7,8 @@ the two is not judged. Only airborne time counts.
 import numpy as np
 import pytest
 
-from benchmarks.estimation import pooled
-from benchmarks.trust import airborne_truth, errors_from, squares_of
+from benchmarks.estimation import pooled, squares_of
+from benchmarks.trust import airborne_truth, errors_from
 from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
 from estimation.attitude import matrix_from_quat

@@ -55,7 +55,7 @@ def held(g: tuple[list[float], list[float]], u: np.ndarray, dt: float) -> np.nda
 
 
 def record(seed: int, number: int, outputs: str = "xyz") -> tuple[Experiment, np.ndarray]:
-    """Simulate 180 s at 10 Hz from rest, with eight correlated inputs as `benchmarks.sysid` has them.
+    """Simulate 180 s at 10 Hz from rest, with eight correlated inputs.
 
     Returns the record, with noise, of a number in the set of this seed, and its outputs without, shape (1800, p).
     """
