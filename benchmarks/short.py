@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 from benchmarks._measure import SAMPLES, Row, cpu, row
 from benchmarks.estimation import filterpy_seconds, forward_and_back, problem_of
 from benchmarks.logparse import grown, pymavlink, read_tlog
-from benchmarks.sysid import _rao_garnier_record
+from benchmarks.sysid import rao_garnier_record
 from estimation.filter import run as filter_forward
 from logparse import read_log
 from pipeline import AnalysisConfig, analyze
@@ -45,7 +45,7 @@ def _rows(several: str, long: str, text: str) -> list[Row]:
     tables = fly(0, duration=15.0).tables
     problem = problem_of(tables, 50.0)()
     forward = filter_forward(problem)
-    record = _rao_garnier_record(0)
+    record = rao_garnier_record(0)
     return [
         _ratio("all messages of a .bin, pymavlink", every_message, lambda: pymavlink(LOG), 1),
         _ratio("all messages of a .bin one by one, all at once", one_by_one, lambda: every_message(LARGE), 3),

@@ -4,14 +4,14 @@ import time
 
 import numpy as np
 from scipy.linalg import expm
-from scipy.signal import lsim, max_len_seq
+from scipy.signal import lsim
 
 from benchmarks._measure import Row, listed, row, timed
 from sysid import Experiment, fit_transfer_functions
+from tests.sysid.rao_garnier import DEN, NUM, SAMPLES, STEP, inputs, rao_garnier, response
 
-#: Rao and Garnier 2002: a fast lightly damped mode beside a slow one, non-minimum phase.
-NUM, DEN = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0]
-STEP, SAMPLES, SEEDS = 0.01, 7161, 20
+#: Of the noise of Rao and Garnier's problem.
+SEEDS = 20
 
 #: What each motor of Elhesasy 2024 gives of thrust, roll, pitch and yaw, per unit of lift and arm.
 _C = np.sqrt(0.5)
@@ -31,14 +31,14 @@ MOTOR_LAG, RATE_DAMPING, DRAG, HEAVE = 0.06, 2.0, 0.35, 0.5
 
 
 def run() -> list[Row]:
-    return [*rao_garnier(), *physical_truth()]
+    return [*two_modes(), *physical_truth()]
 
 
-def rao_garnier() -> list[Row]:
+def two_modes() -> list[Row]:
     """Fit 20 seeds at 10 dB and judge the free run on a clean record with another input."""
-    records = [_rao_garnier_record(seed) for seed in range(SEEDS)]
-    fresh = _inputs(SAMPLES, 8)
-    clean = _response(fresh)
+    records = [rao_garnier_record(seed) for seed in range(SEEDS)]
+    fresh = inputs(8)
+    clean = response(fresh)
     test = Experiment.from_arrays(np.arange(SAMPLES) * STEP, fresh, clean, input_trim=[0.0], output_trim=[0.0])
     truth = np.array([*NUM, *DEN[1:]])
     fit_transfer_functions(records[:1], 4, 1)  # compiles
@@ -51,7 +51,7 @@ def rao_garnier() -> list[Row]:
         deviations.append(function.standard_deviation)
         fits.append(_fit_percent(clean, model.simulate(test)[:, 0]))
     scatter = np.sqrt(np.mean(np.square(errors), axis=0))
-    bound = _cramer_rao(_inputs(SAMPLES, 7))
+    bound = _cramer_rao(inputs(7))
     claimed = np.mean(deviations, axis=0) / bound
     quality = f"{np.mean(fits):.2f} %, least {min(fits):.2f} %"
     failures = f"{sum(fit < 95.0 for fit in fits)} of {SEEDS}"
@@ -96,21 +96,9 @@ def physical_truth() -> list[Row]:
     return rows
 
 
-def _inputs(samples: int, hold: int) -> np.ndarray:
-    return np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, hold)[:samples]
-
-
-def _response(u: np.ndarray) -> np.ndarray:
-    return np.asarray(lsim((NUM, DEN), u, np.arange(len(u)) * STEP, interp=False)[1])
-
-
-def _rao_garnier_record(seed: int) -> Experiment:
-    u = _inputs(SAMPLES, 7)
-    y = _response(u)
-    noise = np.random.default_rng(seed).standard_normal(SAMPLES) * y.std() / np.sqrt(10.0)
-    return Experiment.from_arrays(
-        np.arange(SAMPLES) * STEP, u, y + noise, name=f"seed {seed}", input_trim=[0.0], output_trim=[0.0]
-    )
+def rao_garnier_record(seed: int) -> Experiment:
+    t = np.arange(SAMPLES) * STEP
+    return Experiment.from_arrays(t, *rao_garnier(seed), name=f"seed {seed}", input_trim=[0.0], output_trim=[0.0])
 
 
 def _cramer_rao(u: np.ndarray) -> np.ndarray:
@@ -121,7 +109,7 @@ def _cramer_rao(u: np.ndarray) -> np.ndarray:
         numerator = np.convolve(NUM, one + [0.0] * k)
         columns.append(-lsim((numerator, np.convolve(DEN, DEN)), u, t, interp=False)[1])
     psi = np.column_stack(columns)
-    variance = _response(u).var() / 10.0
+    variance = response(u).var() / 10.0
     return np.asarray(np.sqrt(variance * np.diag(np.linalg.inv(psi.T @ psi))))
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lsim, max_len_seq
+from scipy.signal import lsim
 
 from sysid import Experiment
 from sysid.transfer_functions.problem import Band, FitProblem, denominators, from_poles, resolvable_band
@@ -12,6 +12,7 @@ from sysid.transfer_functions.response import INITIAL_SECONDS
 from sysid.transfer_functions.separable import descend, nonlinear_system, solve
 from sysid.transfer_functions.starts import refine, srivc
 from sysid.transfer_functions.transfer_function import TransferFunction, run_freely
+from tests.sysid.rao_garnier import STEP, rao_garnier
 
 BASE = FitProblem(
     inputs=(),
@@ -81,16 +82,6 @@ def test_free_run_looks_at_nothing_after_the_first_seconds():
         for data in (record, replace(record, y=late))
     )
     np.testing.assert_array_equal(first, second)
-
-
-#: Rao and Garnier 2002.
-NUM, DEN, STEP, SAMPLES = [-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0], 0.01, 7161
-
-
-def rao_garnier(seed, noise=0.1**0.5):
-    u = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 7)[:SAMPLES]
-    y = lsim((NUM, DEN), u, np.arange(SAMPLES) * STEP, interp=False)[1]
-    return u, y + noise * y.std() * np.random.default_rng(seed).standard_normal(SAMPLES)
 
 
 def srivc_problem(u, y, order, numerators, dt):
