@@ -41,14 +41,14 @@ from sysid.loops.evidence import (
     unfit_log,
     weak_band,
 )
-from sysid.loops.loop import KnownLoops, RateLoop, ordinary_loop, rate_loop
+from sysid.loops.loop import RateLoop, ordinary_loop, rate_loop
 from sysid.loops.settings import check_firmware, read_settings
 
 #: The axes about which a craft turns.
 AXES = ("roll", "pitch", "yaw")
 
 
-def find_rotation(log: FlightLog, sound: Span) -> tuple[RotationResult, KnownLoops]:
+def find_rotation(log: FlightLog, sound: Span) -> tuple[RotationResult, dict[str, RateLoop]]:
     """Estimate what a flight tells of each axis, and the loops that its chirps show.
 
     Whatever cannot be had is a reason in the result, not an error.
@@ -62,7 +62,6 @@ def find_rotation(log: FlightLog, sound: Span) -> tuple[RotationResult, KnownLoo
     loops = {} if unfit else {axis: _chirped_loop(log, axis, within) for axis in AXES if axis in chirped}
     axes = tuple(_axis(log, axis, loops.get(axis.axis), unfit or contradicted.get(axis.axis, "")) for axis in turning)
     limits = [finding for axis in turning if axis.response is not None for finding in axis.response.findings]
-    known = {axis: loop for axis, loop in loops.items() if isinstance(loop, RateLoop)}
     rotation = RotationResult(
         axes=axes,
         vertical=turning_of(vertical),
@@ -73,7 +72,7 @@ def find_rotation(log: FlightLog, sound: Span) -> tuple[RotationResult, KnownLoo
             *_findings(axes),
         ),
     )
-    return rotation, KnownLoops(known, next((contradicted[axis] for axis in known if axis in contradicted), None))
+    return rotation, {axis: loop for axis, loop in loops.items() if isinstance(loop, RateLoop)}
 
 
 def _chirped_loop(log: FlightLog, axis: str, within: tuple[float, float]) -> RateLoop | str:

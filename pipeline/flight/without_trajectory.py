@@ -3,7 +3,7 @@
 Neither this nor the trajectory waits for the other, so that a copy of the process can do it on a second processor.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +19,7 @@ from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from sysid.autopilot.gathering import gain_values
 from sysid.autopilot.values import AutopilotValue
-from sysid.loops.loop import KnownLoops
+from sysid.loops.loop import RateLoop
 from sysid.loops.tuning import tune_known
 from sysid.rotors.motor_faults.outputs import check_outputs
 from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
@@ -82,7 +82,9 @@ def _rotation_and_gains(
     return rotation, _gains(log, rotation, loops, stages)
 
 
-def _gains(log: FlightLog, rotation: RotationResult, loops: KnownLoops, stages: Stages) -> tuple[AutopilotValue, ...]:
+def _gains(
+    log: FlightLog, rotation: RotationResult, loops: Mapping[str, RateLoop], stages: Stages
+) -> tuple[AutopilotValue, ...]:
     """Return the gains that chirps propose to the autopilot, from the loops whose margins the rotation has.
 
     Gains from ordinary flying are left to `rotorid tune`: without chirps most are refused.

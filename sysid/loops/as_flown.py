@@ -108,6 +108,7 @@ class _Signals:
 class _Block:
     """One block as logged against its parameters: how far apart in the rms sense, what is tolerated, and in words."""
 
+    kind: str  #: As `_APART` names it.
     apart: float
     tolerated: float
     sentence: str
@@ -126,7 +127,7 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
     other = other_rate(log, settings.controller.loop_rate)
     if other is not None:
         return f"{log.path.name}: {other}; a change takes effect at the next start: {advice}"
-    for block in _blocks(log, settings):
+    for block in log.derived(_blocks, axis):
         if block.apart > block.tolerated:
             return f"{log.path.name}: {axis}: {block.sentence}: the parameters in the log are not what flew; {advice}"
     return None
@@ -134,23 +135,21 @@ def contradiction_of(log: FlightLog, axis: str) -> str | None:
 
 def gyro_seen(log: FlightLog, axis: str) -> bool:
     """Return whether a log bears the gyro's filters out on an axis: SIDD has the rates before them, and they agree."""
-    seen = log.derived(_gyro_blocks, axis)
+    seen = [block for block in log.derived(_blocks, axis) if block.kind == "gyro"]
     return bool(seen) and all(block.apart <= block.tolerated for block in seen)
 
 
-def _blocks(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
+def _blocks(log: FlightLog, axis: str) -> tuple[_Block, ...]:
     """Compare each block of the loop that each chirp on the axis shows; without a chirp what any flight does."""
-    chirps = mixer_chirps(log, settings.axis)
+    settings, chirps = read_settings(log, axis), mixer_chirps(log, axis)
     if not chirps:
-        yield from _proportional(log, settings)
-        return
-    yield from log.derived(_gyro_blocks, settings.axis)
-    terms = pid_rows(log, settings.axis, ("Tar", "Act", "P", "I", "D"))
+        return tuple(_proportional(log, settings))
+    rates, terms = _rates(log), pid_rows(log, axis, ("Tar", "Act", "P", "I", "D"))
+    blocks = [block for chirp in chirps for block in _gyro_blocks(rates, chirp, settings)]
     # At a limit the controller is another, which says so itself.
-    if terms is not None and limited_chirp(log, settings.axis) is None:
-        rates = _rates(log)
-        for chirp in chirps:
-            yield from _controller_blocks(terms, rates, chirp, settings)
+    if terms is not None and limited_chirp(log, axis) is None:
+        blocks += [block for chirp in chirps for block in _controller_blocks(terms, rates, chirp, settings)]
+    return tuple(blocks)
 
 
 def _rates(log: FlightLog) -> RateSignals | None:
@@ -170,7 +169,8 @@ def _proportional(log: FlightLog, settings: LoopSettings) -> Iterator[_Block]:
     large = whole & (np.abs(error) > (np.median(np.abs(error[whole])) if whole.any() else 0.0))
     if np.count_nonzero(large) >= FEWEST_ROWS:
         gain = float(np.median(term[large] / error[large])) / flown
-        yield _Block(abs(gain - 1.0), _SCALED, _told("P", "P", settings.axis, np.log(np.complex128(gain or 1e-12))))
+        apart = np.log(np.complex128(gain or 1e-12))
+        yield _Block("P", abs(gain - 1.0), _SCALED, _told("P", "P", settings.axis, apart))
 
 
 def _controller_blocks(
@@ -210,13 +210,8 @@ def _controller_blocks(
         yield from min(ways, key=lambda blocks: blocks[0].apart if blocks else np.inf)
 
 
-def _gyro_blocks(log: FlightLog, axis: str) -> tuple[_Block, ...]:
-    """Compare the gyro's filters in each chirp on the axis."""
-    settings, rates = read_settings(log, axis), _rates(log)
-    return tuple(block for chirp in mixer_chirps(log, axis) for block in _gyro_block(rates, chirp, settings))
-
-
-def _gyro_block(rates: RateSignals | None, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
+def _gyro_blocks(rates: RateSignals | None, chirp: Chirp, settings: LoopSettings) -> Iterator[_Block]:
+    """Compare the gyro's filters in a chirp, and name the low-pass that it answers as with where they differ."""
     signals = _gyro_signals(rates, chirp, settings.axis)
     if signals is None:
         return
@@ -244,7 +239,7 @@ def _compared(
     if not np.abs(expected).all():  # a term that the parameters switch off
         size, other = float(np.std(signals.columns[answer])), float(np.std(signals.columns[source]))
         if size > 1e-6 * max(other, 1e-6):
-            yield _Block(np.inf, _APART[kind], _told(answer, kind, axis, None))
+            yield _Block(kind, np.inf, _APART[kind], _told(answer, kind, axis, None))
         return
     response, coherence = signals.ratio(source, answer, hz)
     good = (coherence > _COHERENT) & np.isfinite(response) & (np.abs(response) > 0.0)
@@ -257,7 +252,7 @@ def _compared(
         tolerated += _SURE * float(np.sqrt(np.mean((1.0 / coherence[good] - 1.0) / (2.0 * np.maximum(periods, 1.0)))))
     apart = np.log(response[good] / expected[good])
     rms = float(np.sqrt(np.mean(np.abs(apart) ** 2)))
-    yield _Block(rms, tolerated, _told(answer, kind, axis, apart[np.argmax(np.abs(apart))]))
+    yield _Block(kind, rms, tolerated, _told(answer, kind, axis, apart[np.argmax(np.abs(apart))]))
 
 
 def _told(answer: str, kind: str, axis: str, apart: np.complex128 | None) -> str:

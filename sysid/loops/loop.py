@@ -6,7 +6,7 @@ tell, through the controller of the log's parameters.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -192,14 +192,6 @@ class RateLoop(Summarised):
             "gains": f"P {c.P:.4g}, I {c.I:.4g}, D {c.D:.4g}",
             **self.margins.summary(),
         }
-
-
-@dataclass(frozen=True, slots=True)
-class KnownLoops:
-    """What the chirps of one flight showed of its loops."""
-
-    loops: Mapping[str, RateLoop]  #: By axis.
-    contradicted: str | None  #: Which parameters of these axes are not what flew; None where all are borne out.
 
 
 def rate_loop(log: GivenSignals, axis: str, within: Within | None = None) -> RateLoop:

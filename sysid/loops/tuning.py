@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from types import MappingProxyType
 
 import numpy as np
 
@@ -36,7 +37,7 @@ from sysid.loops.evidence import (
     unsupported,
     weak_band,
 )
-from sysid.loops.loop import KnownLoops, RateLoop, loop_of_flights, rate_loop
+from sysid.loops.loop import RateLoop, loop_of_flights, rate_loop
 from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.plant import FIRST_MODES
@@ -162,13 +163,17 @@ def tune(
     return result.in_names_of(flights[0].vehicle.firmware) if flights else result
 
 
-def tune_known(log: FlightLog, known: KnownLoops) -> Tuning:
-    """Propose gains for the axes of one flight whose loops are known already, as `tune` does by default."""
+def tune_known(log: FlightLog, known: Mapping[str, RateLoop]) -> Tuning:
+    """Propose gains for the axes of one flight as `tune` does by default, with the loops that are known already."""
     return _tuned([log], AIMS["rejection"], None, None, known).in_names_of(log.vehicle.firmware)
 
 
 def _tuned(
-    flights: Sequence[FlightLog], aim: Aim, i_term: float | None, size: float | None, known: KnownLoops | None = None
+    flights: Sequence[FlightLog],
+    aim: Aim,
+    i_term: float | None,
+    size: float | None,
+    known: Mapping[str, RateLoop] = MappingProxyType({}),
 ) -> Tuning:
     names = tuple(log.name for log in flights)
     made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
@@ -176,7 +181,7 @@ def _tuned(
     def refuse(reason: str, axes: tuple[AxisTuning, ...] = ()) -> Tuning:
         return Tuning(names, aim, {}, {}, {}, reason, axes, (), made)
 
-    reason = _refusal(flights, known)
+    reason = _refusal(flights)
     if reason is not None:
         return refuse(reason)
     signals = [LogSignals(log) for log in flights]  # read once for all axes
@@ -214,14 +219,14 @@ def _tuned(
     return Tuning(names, aim, proposed, before, flown, None, axes, tuple(dict.fromkeys(remarks)), made)
 
 
-def _refusal(flights: Sequence[FlightLog], known: KnownLoops | None) -> str | None:
+def _refusal(flights: Sequence[FlightLog]) -> str | None:
     """Return why nothing can be proposed from these flights together, before their loops are identified."""
     if not flights:
         return "no log was given"
     for log in flights:
         try:
             read_settings(log, "roll")
-            reason = _unfit(log, known)
+            reason = _unfit(log)
         except RotoridError as error:
             reason = str(error)
         reason = reason or other_craft(flights[0], log) or other_load(flights[0], log)
@@ -314,7 +319,7 @@ def _reasons(axes: Sequence[AxisTuning]) -> str:
     return "; ".join(_said_once((item.axis, item.reason) for item in axes))
 
 
-def _unfit(log: FlightLog, known: KnownLoops | None) -> str | None:
+def _unfit(log: FlightLog) -> str | None:
     """Return why nothing can be tuned from a log: no one loop per axis, an oscillation, parameters that did not fly.
 
     Without chirps at the mixer AutoTune may have run: its steps show the craft, not the loop.
@@ -325,7 +330,7 @@ def _unfit(log: FlightLog, known: KnownLoops | None) -> str | None:
     if reason is not None or (ordinary and autotuned(log)):
         return reason
     oscillating = next((r for axis in AXES if (r := oscillation(log, axis))), None)
-    return oscillating or (contradiction(log) if known is None else known.contradicted)
+    return oscillating or contradiction(log)
 
 
 def _with_sheets(item: AxisTuning, size: float | None) -> AxisTuning:
@@ -370,13 +375,13 @@ def _worth(tuned: Mapping[str, AxisTuning]) -> tuple[int, int, int, int, float]:
     )
 
 
-def _examined(flights: Sequence[LogSignals], axis: str, known: KnownLoops | None) -> AxisTuning:
+def _examined(flights: Sequence[LogSignals], axis: str, known: Mapping[str, RateLoop]) -> AxisTuning:
     """Identify an axis and check the evidence, from the flights with a chirp on it, else from all."""
     chirped = [flight for flight in flights if mixer_chirps(flight.log, axis)]
     used, identify = (chirped, rate_loop) if chirped else (flights, loop_of_flights)
     logs = [flight.log for flight in used]
     try:
-        loop = known.loops[axis] if known is not None and axis in known.loops else identify(used, axis)
+        loop = known[axis] if axis in known else identify(used, axis)
     except RotoridError as error:
         others = not chirped and any(mixer_chirps(flight.log, other) for flight in flights for other in AXES)
         return AxisTuning(axis, f"no chirp of this axis was given, and without one: {error}" if others else str(error))

@@ -132,10 +132,10 @@ def test_without_rates_before_the_filters_nobody_has_seen_them(tmp_path, flight)
 
 def test_a_controller_at_its_limits_is_not_taken_for_wrong_parameters(tmp_path, flight):
     """Its integral only shrinks there: the reason to refuse is the limit, and not ATC_RAT_RLL_I."""
-    log = _log(tmp_path, replace(flight, integral=0.8 * flight.integral))
-    assert "as logged" in contradiction(log)
-    log.messages["PIDR"]["Flags"] = 1
-    assert contradiction(log) is None
+    free, limited = (_log(tmp_path, replace(flight, integral=0.8 * flight.integral)) for _ in range(2))
+    limited.messages["PIDR"]["Flags"] = 1
+    assert "as logged" in contradiction(free)
+    assert contradiction(limited) is None
 
 
 def test_a_notch_that_follows_throttle_is_where_the_throttle_flown_puts_it(unpacked):
