@@ -9,10 +9,10 @@ import pandas as pd
 
 from benchmarks._measure import Row, cpu, readable, row
 from benchmarks.trust import airborne_truth, errors_from
+from core.attitude import quat_from_euler
 from estimation import Trajectory, estimate
 from estimation._kernels import ForwardPass
 from estimation.alignment import align
-from estimation.attitude import quat_from_euler
 from estimation.filter import FilterSegment, assemble
 from estimation.filter import run as filter_forward
 from estimation.observations import observe

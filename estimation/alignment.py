@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from core.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from core.units import STANDARD_GRAVITY
-from estimation.attitude import euler_from_quat, matrix_from_quat, quat_from_euler, turned_by
 from estimation.filter import Filtered
 from estimation.observations import reported, usable_field, usable_fixes, usable_ranges
 from estimation.place import LocalFrame

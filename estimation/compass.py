@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from core.attitude import euler_from_quat, matrix_from_quat
 from core.findings import warning
 from core.robust import robust_sigma
 from estimation import _kernels
 from estimation.alignment import Alignment, turned, with_priors
-from estimation.attitude import euler_from_quat, matrix_from_quat
 from estimation.filter import COARSE, FilterSegment, assemble, run
 from estimation.lags import DECISIVE
 from estimation.observations import Observations

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtri as chi2_isf
 
-from estimation.attitude import continuous, error_rotation
+from core.attitude import continuous, error_rotation
 from estimation.filter import Filtered
 from estimation.observations import KIND_NAMES
 from estimation.trajectory import Trajectory

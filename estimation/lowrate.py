@@ -14,9 +14,9 @@ import pandas as pd
 import scipy
 from filterpy.kalman import KalmanFilter
 
+from core.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from core.findings import warning
 from core.units import STANDARD_GRAVITY
-from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.consistency import SensorStatistics
 from estimation.states import SensorNoise
 from estimation.telemetry import SIZE, Measured, measurements_of, reversed_climb

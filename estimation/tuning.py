@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from core.attitude import error_rotation, turned_by
 from estimation import _kernels
 from estimation._kernels import ForwardPass
 from estimation.alignment import Alignment, with_priors
-from estimation.attitude import error_rotation, turned_by
 from estimation.filter import COARSE, LOUDEST, FilterSegment, assemble, matched_scale, run
 from estimation.lags import (
     DECISIVE,

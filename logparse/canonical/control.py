@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from core.attitude import continuous, quat_from_euler
 from core.cubic_spline import cubic_spline
 from core.units import numbers, quantity
 from logparse.canonical.fields import (
@@ -28,7 +29,6 @@ from logparse.canonical.series import (
     columns_of,
     join,
     joined_columns,
-    quaternions,
     sample,
     series,
     with_attitude,
@@ -469,16 +469,12 @@ def truth(messages: Messages) -> pd.DataFrame | None:
     if "Q1" in simulated:
         q = np.column_stack([value(simulated, f"Q{k}") for k in range(1, 5)])
     else:
-        q = quaternions(*values(simulated, _DEGREES).values())
+        q = quat_from_euler(*values(simulated, _DEGREES).values())
     turned = series(simulated.index, dict(zip(names, q.T, strict=True))).dropna()
     if len(turned) < 2:
         return result
-    turns = turned.to_numpy(copy=True)
-    # Neighbouring quaternions on the same side of the sphere, so that interpolation takes the short way.
-    flips = np.cumsum(np.append(False, np.sum(turns[1:] * turns[:-1], axis=1) < 0.0)) % 2
-    turns[flips == 1] *= -1.0
     when = result.index.to_numpy()
-    at = cubic_spline(turned.index.to_numpy(), turns, when)
+    at = cubic_spline(turned.index.to_numpy(), continuous(turned.to_numpy()), when)
     at[np.isnan(sample(turned, when, gap=0.2))] = np.nan
     with np.errstate(invalid="ignore", divide="ignore"):  # a damaged quaternion of zeros has no direction: NaN
         result[names] = at / np.linalg.norm(at, axis=1, keepdims=True)

@@ -11,8 +11,9 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
+from core.attitude import euler_from_quat
 from core.units import numbers, quantity
-from logparse.canonical.series import ANGLES, Array, euler_angles, series, wrap
+from logparse.canonical.series import ANGLES, Array, series, wrap
 from logparse.craft.vehicle import vehicle_heartbeats
 from logparse.messages import MessageView
 from logparse.source import INSTANCE_NAMES
@@ -116,7 +117,9 @@ def axes(fields: Fields, **letters: Sequence[str]) -> dict[str, str]:
 
 def quaternion_angles(frame: pd.DataFrame, name: str, numbered: range) -> dict[str, Array]:
     """Read an attitude that is logged as a quaternion, scalar first, in four numbered columns."""
-    return dict(zip(ANGLES, euler_angles(*(value(frame, name.format(k)) for k in numbered)), strict=True))
+    quat_nb = np.column_stack([value(frame, name.format(k)) for k in numbered])
+    norm = np.linalg.norm(quat_nb, axis=1, keepdims=True)
+    return dict(zip(ANGLES, euler_from_quat(np.where(norm > 0.5, quat_nb, np.nan)).T, strict=True))
 
 
 def instances(

@@ -172,29 +172,3 @@ def wrap(angle: npt.ArrayLike) -> Array:
     inside = (angles > -np.pi) & (angles <= np.pi)
     with np.errstate(invalid="ignore"):  # damaged angles may be infinite: they have no direction, and become NaN
         return np.where(inside, angles, np.pi - np.mod(np.pi - angles, 2.0 * np.pi))
-
-
-def euler_angles(q_w: Array, q_x: Array, q_y: Array, q_z: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and yaw [rad] of body-to-NED quaternions (yaw-pitch-roll order)."""
-    norm = np.sqrt(q_w**2 + q_x**2 + q_y**2 + q_z**2)
-    norm = np.where(norm > 0.5, norm, np.nan)
-    w, x, y, z = q_w / norm, q_x / norm, q_y / norm, q_z / norm
-    roll = np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return roll, pitch, yaw
-
-
-def quaternions(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """Body-to-NED quaternions, shape (N, 4), scalar first, of Euler angles [rad] (yaw-pitch-roll order)."""
-    cr, sr = np.cos(roll / 2.0), np.sin(roll / 2.0)
-    cp, sp = np.cos(pitch / 2.0), np.sin(pitch / 2.0)
-    cy, sy = np.cos(yaw / 2.0), np.sin(yaw / 2.0)
-    return np.column_stack(
-        (
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        )
-    )

@@ -14,6 +14,7 @@ import numpy.typing as npt
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from core.attitude import continuous
 from core.findings import Finding, Severity
 from logparse.craft.frames import Vehicle
 from logparse.foreign.clock import held_values, known_rows, steady_rows, uniform, without_spikes
@@ -276,7 +277,7 @@ class _Converter:
             rotation = Rotation.from_euler("ZYX", angles[:, ::-1])
         if signal.world_to_body:
             rotation = rotation.inv()
-        return _continuous(rotation.as_quat(scalar_first=True)), findings
+        return continuous(rotation.as_quat(scalar_first=True)), findings
 
 
 def _odd_part(quaternion: Floats) -> tuple[int, float] | None:
@@ -297,16 +298,10 @@ def _without_turns(attitude: Floats, declared: ColumnMap) -> Floats:
     known = np.isfinite(attitude).all(axis=1)
     out = attitude.copy()
     if declared.attitude.quaternion:
-        out[known] = _continuous(attitude[known])
+        out[known] = continuous(attitude[known])
     else:
         out[known] = np.unwrap(attitude[known], period=2.0 * np.pi / declared.attitude.factor, axis=0)
     return out
-
-
-def _continuous(quaternion: Floats) -> Floats:
-    """Choose the sign of each quaternion so that it is near the one before it."""
-    flips = np.cumprod(np.where(np.sum(quaternion[1:] * quaternion[:-1], axis=1) < 0.0, -1.0, 1.0))
-    return np.asarray(quaternion * np.r_[1.0, flips][:, None])
 
 
 def _resampled(t: Floats, values: Floats, clock: Floats) -> Floats:
@@ -335,7 +330,7 @@ def _in_ned(columns: Mapping[str, Floats], clock: Floats, declared: ColumnMap) -
         between = Rotation.from_matrix(turn).as_rotvec() / dt
         rates = np.vstack([between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]])
     turned = Rotation.from_matrix(world @ rotation @ body).as_quat(scalar_first=True)
-    return columns["position"] @ world.T, velocity @ world.T, _continuous(turned), rates @ body
+    return columns["position"] @ world.T, velocity @ world.T, continuous(turned), rates @ body
 
 
 def _vehicle(declared: ColumnMap) -> Vehicle:

@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from core.attitude import euler_from_quat
 from logparse import Tables
-from logparse.canonical.series import euler_angles
 from sysid.records import Floats
 from sysid.records.resampling import NewClock
 
@@ -83,7 +83,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
 def angles_of(quaternions: Floats) -> dict[str, Floats]:
     """Return roll, pitch and yaw [rad], roll and yaw unwrapped, of body-to-NED quaternions, shape (N, 4)."""
-    roll, pitch, yaw = euler_angles(*quaternions.T)
+    roll, pitch, yaw = euler_from_quat(quaternions).T
     return {"roll": np.unwrap(roll), "pitch": pitch, "yaw": np.unwrap(yaw)}
 
 

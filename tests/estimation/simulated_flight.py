@@ -9,7 +9,7 @@ from pygeomag import GeoMag
 from scipy.interpolate import BPoly, CubicSpline, PPoly
 from scipy.signal import bilinear, lfilter
 
-from estimation.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
+from core.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
 from estimation.place import LocalFrame
 from logparse import Geodetic, Tables
 from tests.timed import inertial, timed

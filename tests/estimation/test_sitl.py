@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.estimation import pooled, squares_of
 from benchmarks.trust import airborne_truth, errors_from
+from core.attitude import matrix_from_quat
 from core.units import STANDARD_GRAVITY
 from estimation import errors, estimate
-from estimation.attitude import matrix_from_quat
 from logparse import read_log
 from tests.paths import SITL
 

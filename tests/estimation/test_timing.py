@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import butter, lfilter
 from scipy.spatial.transform import Rotation
 
-from estimation.attitude import error_rotation, euler_from_quat, matrix_from_quat, multiply, quat_from_euler
+from core.attitude import error_rotation, euler_from_quat, matrix_from_quat, multiply, quat_from_euler
 from estimation.place import ARDUPILOT_RADIUS, LocalFrame, world_field
 from estimation.timing import InertialSignal, filter_delay, noise_density
 from logparse import Geodetic

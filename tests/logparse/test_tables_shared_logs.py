@@ -9,8 +9,9 @@ import pandas as pd
 import pymap3d
 import pytest
 
+from core.attitude import euler_from_quat
 from logparse import completeness, read_log
-from logparse.canonical.series import euler_angles, sample, wrap
+from logparse.canonical.series import sample, wrap
 from logparse.tables import COLUMNS
 from tests.forms import thinned
 from tests.paths import REAL, SHARED
@@ -116,7 +117,7 @@ def test_against_the_truth(path):
 
     # ArduPilot's own EKF errs by a tenth of a degree in tilt, more in yaw.
     turned = sample(truth[["q_w", "q_x", "q_y", "q_z"]], tables.attitude.index.to_numpy(), gap=0.05)
-    angles = np.column_stack(euler_angles(*turned.T))
+    angles = euler_from_quat(turned)
     # Yaw is unknown until the filter aligns; in the air it is known.
     flying = tables.attitude.index > log.flights[0].start + 5.0
     tilt = np.degrees(wrap(tables.attitude.to_numpy() - angles))[flying]

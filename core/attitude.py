@@ -21,8 +21,8 @@ def quat_from_euler(roll: np.ndarray | float, pitch: np.ndarray | float, yaw: np
 
 
 def euler_from_quat(quat_nb: np.ndarray) -> np.ndarray:
-    """Roll, pitch, yaw [rad] of body-to-NED quaternions, shape (..., 3)."""
-    w, x, y, z = np.moveaxis(np.asarray(quat_nb, float), -1, 0)
+    """Roll, pitch, yaw [rad] of body-to-NED quaternions of any length, shape (..., 3)."""
+    w, x, y, z = np.moveaxis(quat_nb / np.linalg.norm(quat_nb, axis=-1, keepdims=True), -1, 0)
     return np.stack(
         [
             np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
