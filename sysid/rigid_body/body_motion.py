@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from core.recent import Recent
 from logparse import MissingDataError, Vehicle
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
@@ -136,14 +135,6 @@ class BodyMotion(MeasuredMotion):
 
 def motion(record: Experiment, vehicle: Vehicle, voltage: float | None, *, joined: bool = False) -> BodyMotion:
     """Read from a record what the equations of motion read."""
-    return _recent.of(record, vehicle, voltage, joined, make=lambda: _read(record, vehicle, voltage, joined))
-
-
-#: A model reads the same flight anew for each horizon that it is judged at.
-_recent: Recent[BodyMotion] = Recent(4)
-
-
-def _read(record: Experiment, vehicle: Vehicle, voltage: float | None, joined: bool) -> BodyMotion:
     if any(unit != "us" for unit in (record.units.get(name, "us") for name in record.input_names)):
         raise ExperimentError(
             f"{record.name}: a rigid body reads the motors' PWM; make the record with inputs='motors'"

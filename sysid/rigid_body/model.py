@@ -96,8 +96,8 @@ class RigidBodyModel(Summarised):
     #: Half of what lies between the thrust curve found and that of the parameters where the two contradict each other:
     #: a part of the sigma of `thrust_expo`, since one of them is true.
     contradicted: float = 0.0
-    #: Wind and thrust scale through flights, where they have been followed already.
-    carried: Mapping[str, Carried] = field(default_factory=dict, repr=False, compare=False)
+    #: Flights that have been read already, with wind and thrust scale as they were followed through them.
+    followed: Mapping[str, tuple[BodyMotion, Carried]] = field(default_factory=dict, repr=False, compare=False)
 
     def summary(self) -> Mapping[str, str]:
         """Return the few facts by which a reader knows this result."""
@@ -187,7 +187,7 @@ class RigidBodyModel(Summarised):
         """
         flight = self._motion(experiment)
         steps = min(horizon_steps(horizon, flight.dt), len(flight.t) - 1)
-        carried = self.carried.get(experiment.name) or self._carry(flight, self.flights.get(experiment.name))
+        carried = self._carried(experiment, flight)
         restarts = np.arange(0, len(flight.t) - steps, every)
         block = np.searchsorted(carried.edges, restarts, side="right") - 1
         own, shared = carried.own[block], self._shared
@@ -216,7 +216,7 @@ class RigidBodyModel(Summarised):
         return replace(
             self,
             flights={**self.flights, name: self._trim_of(experiment)},
-            carried={**self.carried, name: self._carry(flight, self.flights.get(name))},
+            followed={**self.followed, name: (flight, self._carried(experiment, flight))},
         )
 
     def initial_seconds(self, experiment: Experiment) -> float:
@@ -278,7 +278,7 @@ class RigidBodyModel(Summarised):
         held = {
             attribute.name: getattr(self, attribute.name)
             for attribute in fields(self)
-            if attribute.name not in ("vehicle", "carried")
+            if attribute.name not in ("vehicle", "followed")
         }
         return restored(plain({**held, "correlation": self.correlation, "wind_height": WIND_HEIGHT}), RigidBodyRecord)
 
@@ -300,7 +300,8 @@ class RigidBodyModel(Summarised):
         return cls(**held | finite | {"vehicle": vehicle, "flights": {}, "findings": ()})
 
     def _motion(self, experiment: Experiment) -> BodyMotion:
-        return motion(experiment, self.vehicle, self.reference_voltage)
+        followed = self.followed.get(experiment.name)
+        return motion(experiment, self.vehicle, self.reference_voltage) if followed is None else followed[0]
 
     def _trim_of(self, experiment: Experiment) -> FlightTrim:
         known = self.flights.get(experiment.name)
@@ -318,8 +319,11 @@ class RigidBodyModel(Summarised):
         beyond = np.diag([self.parameters[name].transfer ** 2 for name in THETA])
         return left_open(self.covariance[np.ix_(places, places)] + beyond)
 
-    def _carry(self, flight: BodyMotion, known: FlightTrim | None) -> Carried:
+    def _carried(self, experiment: Experiment, flight: BodyMotion) -> Carried:
         """Follow wind and thrust scale through a flight; a trim found on its beginning is found again on the way."""
+        if experiment.name in self.followed:
+            return self.followed[experiment.name][1]
+        known = self.flights.get(experiment.name)
         if known is None or known.looked_until is not None:
             return carry_states(flight, self._shared, self.law)
         own = np.array([known.wind_exponent, known.thrust_scale, known.wind_n, known.wind_e])

@@ -8,7 +8,6 @@ from scipy.interpolate import CubicSpline
 
 from core.cubic_spline import cubic_spline
 from core.findings import Finding, Severity, apart, gathered
-from core.recent import Recent
 from core.table import Cell, Row, Table
 
 
@@ -64,22 +63,6 @@ def test_a_frame_shows_numbers_with_five_digits_and_texts_as_they_are():
     assert table.rows[0] == Row("<1>", ["1523.5", "yes"])
     assert list(table.texts) == [1]
     assert "&lt;1&gt;" in table.html()
-
-
-def test_results_are_of_the_very_objects_they_were_made_of() -> None:
-    recent: Recent[int] = Recent(2)
-    made: list[int] = []
-
-    def make() -> int:
-        made.append(len(made))
-        return made[-1]
-
-    first, equal = np.zeros(3), np.zeros(3)
-    assert recent.of(first, 1.5, make=make) == 0
-    assert recent.of(first, 1.5, make=make) == 0
-    assert recent.of(equal, 1.5, make=make) == 1
-    assert recent.of(first, make=make) == 2  # the oldest is gone
-    assert recent.of(first, 1.5, make=make) == 3
 
 
 @pytest.mark.parametrize("samples", [2, 3, 4, 5, 400])
