@@ -105,7 +105,7 @@ def fit_rigid_body(
             Finding(
                 "fit-not-converged",
                 Severity.WARNING,
-                f"filter error had not settled after {time.monotonic() - begun:.1f} s; its standard errors mean little",
+                "the fit stopped before it settled; its standard errors mean little",
                 "give it more time, use longer flights, or leave out flights in which the craft was disturbed",
             )
         )

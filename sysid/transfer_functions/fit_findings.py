@@ -60,10 +60,10 @@ def remarks(
                 Finding(
                     "fit-not-converged",
                     Severity.WARNING,
-                    f"the fit of {output} stopped after {report.iterations} steps and {report.seconds:.1f} s "
-                    "before it settled; the model is the best found",
+                    f"the fit of {output} stopped after {report.iterations} steps before it settled; "
+                    "the model is the best found",
                     "use fewer poles and zeros (--poles, --zeros), or a shorter flight",
-                    {"output": output, "seconds": report.seconds},
+                    {"output": output, "steps": report.iterations},
                 )
             )
         if report.undetermined:
