@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import fields
 
 from core.findings import Happening
@@ -19,23 +19,30 @@ from reports.views import log_words
 
 
 def happened(account: Account | None) -> Table | None:
-    """Lay out what happened."""
-    return None if account is None or not account.notable else _table(account, account.notable)
+    """Lay out what happened; an advice that was given in a row before is not repeated."""
+    return None if account is None or not account.notable else _table(account, _advised(account))
 
 
 def reported(account: Account | None) -> Table | None:
     """Lay out what was only reported."""
     quiet = [] if account is None else [happening for happening in account.happenings if not happening.notable]
     # Most rows of what was only reported.
-    return None if account is None or not quiet else _table(account, quiet[:40])
+    return None if account is None or not quiet else _table(account, ((happening, "") for happening in quiet[:40]))
 
 
-def _table(account: Account, rows: Sequence[Happening]) -> Table:
+def _advised(account: Account) -> Iterator[tuple[Happening, str]]:
+    given: set[str] = set()
+    for happening in account.notable:
+        yield happening, "" if happening.advice in given else happening.advice
+        given.add(happening.advice)
+
+
+def _table(account: Account, rows: Iterable[tuple[Happening, str]]) -> Table:
     heads = ["log (s)", "for", "what", "evidence and what to do"]
-    return Table("in flight", heads, [_row(account, happening) for happening in rows], texts=(2, 3), style="events")
+    return Table("in flight", heads, [_row(account, *row) for row in rows], texts=(2, 3), style="events")
 
 
-def _row(account: Account, happening: Happening) -> Row:
+def _row(account: Account, happening: Happening, advice: str) -> Row:
     t, end, flight, severity = happening.t, happening.end, account.flight, happening.severity
     return Row(
         "" if flight is None or t < flight.start else duration(t - flight.start),
@@ -43,7 +50,7 @@ def _row(account: Account, happening: Happening) -> Row:
             f"{t:.1f}",
             f"{number(end - t, 2)} s" if end - t > 0.05 else "",
             Cell(happening.id.replace("-", " "), severity, badge=severity.word),
-            Cell(happening.reason, under=happening.advice),
+            Cell(happening.reason, under=advice),
         ],
     )
 
