@@ -33,7 +33,7 @@ from api.routes import (
 )
 from api.settings import Settings
 from api.store.database import Database
-from api.store.scratch import Incoming, Scratch
+from api.store.scratch import Scratch
 from api.web import problem_responses
 from api.web.dependencies import Parts, nothing_unknown
 from api.web.middleware import KnownHosts, SafeHeaders, SmallBodies
@@ -143,7 +143,6 @@ def _assemble(settings: Settings, analyze: Analyze, preload: Sequence[str]) -> P
         objects=objects,
         catalog=catalog,
         scratch=scratch,
-        incoming=Incoming(scratch.folder),
         runner=runner,
         desk=desk,
         # What stands in for the pipeline takes whatever it is given.

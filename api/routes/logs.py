@@ -8,12 +8,12 @@ from fastapi.concurrency import run_in_threadpool
 
 from api import problems
 from api.access import bearer
-from api.logs.catalog import AcceptedLog, ended
-from api.logs.uploads import FORM, receive_logs
+from api.logs.catalog import ended
 from api.problems import ProblemError
 from api.store.resources import Analysis, AnalysisAnswer, Log, Page, State, UploadedLog, UploadedLogs
 from api.web.dependencies import After, Limit, LogId, Owner, OwnLog, Parts, PartsOf, owner_of, page
 from api.web.results import Include, answer
+from api.web.uploads import FORM, receive_logs
 
 router = APIRouter(prefix="/logs", tags=["logs"], responses=problems.RESPONSES)
 
@@ -39,7 +39,7 @@ async def upload_log(
     of all models and their coefficients; the rest is behind its links, or comes with `include`. Without, it comes at
     once and `POST /api/v1/analyses` starts an analysis.
     """
-    kept = await take_upload(request, parts, owner)
+    kept = await receive_logs(request, parts, owner)
     if not analyze:
         logs = [UploadedLog(**dict(received.log), delete_token=received.delete_token) for received in kept]
         if len(logs) > 1:
@@ -54,14 +54,6 @@ async def upload_log(
     if analysis.state is not State.DONE:
         raise _unfinished(analysis)
     return await run_in_threadpool(answer, analysis, parts, include)
-
-
-async def take_upload(
-    request: Request, parts: Parts, owner: str, fields: dict[str, str] | None = None
-) -> list[AcceptedLog]:
-    """Keep the files that a request brings, which must begin like logs; `fields` gathers the other fields."""
-    parts.rates.count_upload(request, owner)
-    return await receive_logs(request, parts.incoming, parts.catalog, owner, parts.settings, parts.recognise, fields)
 
 
 def _unfinished(analysis: Analysis) -> ProblemError:

@@ -15,15 +15,16 @@ from pydantic import ValidationError
 from api.access import ReportKeys, bearer
 from api.problems import Problem, ProblemError
 from api.routes.analyses import check, in_words
-from api.routes.logs import take_upload
 from api.routes.shares import find_shared
 from api.settings import Access
 from api.store.resources import Analysis, AnalysisOrder, Configuration, State
+from api.store.scratch import open_upload
 from api.web.dependencies import After, OwnAnalysis, Owner, Parts, PartsOf
 from api.web.middleware import PLOT_POLICY, REPORT_POLICY
 from api.web.own_pages import from_our_forms
 from api.web.page_templates import lead_to, part_of, render
 from api.web.results import answer, downloads, file_of, flight_pages, tables
+from api.web.uploads import receive_logs
 
 router = APIRouter(include_in_schema=False)
 
@@ -54,7 +55,7 @@ def home(request: Request, parts: PartsOf, owner: Owner) -> Response:
 async def upload_form(request: Request, parts: PartsOf, owner: Owner) -> Response:
     """Accept the form of a browser that runs no scripts, and lead it to the analysis."""
     fields: dict[str, str] = {}
-    kept = await take_upload(request, parts, owner, fields)
+    kept = await receive_logs(request, parts, owner, fields)
     chosen = {name: fields[name].strip() for name in FIRST_SETTINGS if fields.get(name, "").strip()}
     try:
         order = AnalysisOrder(
@@ -79,7 +80,7 @@ async def open_sample(request: Request, parts: PartsOf, owner: Owner) -> Respons
 
     def keep() -> Analysis:
         parts.catalog.check_room(owner)
-        with parts.incoming.receive() as upload:
+        with open_upload(parts.scratch.folder) as upload:
             upload.write(sample.path.read_bytes())
             (kept,) = parts.catalog.keep_logs([(upload, sample.path.name)], owner)
         return parts.order([kept.log.id], {}, owner)

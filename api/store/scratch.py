@@ -91,18 +91,12 @@ class Upload:
         """Be read by nobody through this: what has arrived is read by its path."""
 
 
-class Incoming:
-    """The folder on this computer in which uploads arrive."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    @contextmanager
-    def receive(self) -> Iterator[Upload]:
-        """Open a place for a log to arrive at."""
-        path = self._folder / new_id()
-        try:
-            with path.open("wb", buffering=0) as file:
-                yield Upload(path, file)
-        finally:
-            path.unlink(missing_ok=True)
+@contextmanager
+def open_upload(folder: Path) -> Iterator[Upload]:
+    """Open a place for a log to arrive at, in a folder on this computer."""
+    path = folder / new_id()
+    try:
+        with path.open("wb", buffering=0) as file:
+            yield Upload(path, file)
+    finally:
+        path.unlink(missing_ok=True)

@@ -1,1 +1,1 @@
-"""HTTP itself: what routes are given, pages and errors as answers, headers, the reference."""
+"""HTTP itself: what routes are given, uploads, pages and errors as answers, headers."""

@@ -21,7 +21,7 @@ from api.logs.metrics import Metrics
 from api.settings import Access, Settings
 from api.store.database import Database
 from api.store.resources import Analysis, CraftSummary, Log, Page, RaisedAlert
-from api.store.scratch import Incoming, Scratch
+from api.store.scratch import Scratch
 from api.work.desk import Desk
 from api.work.jobs import Runner
 from pipeline.storage.store import Store
@@ -36,7 +36,6 @@ class Parts:
     objects: Store
     catalog: Catalog
     scratch: Scratch
-    incoming: Incoming
     runner: Runner
     desk: Desk
     recognise: Callable[[pathlib.Path, str], None] | None  #: Refuses an upload, with its name, that is no log.

@@ -20,7 +20,7 @@ from api.logs.catalog import Catalog
 from api.settings import Access
 from api.store import backup
 from api.store.database import Database
-from api.store.scratch import Incoming
+from api.store.scratch import open_upload
 from api.work.queue import Queue
 from pipeline.storage.store import ObjectStore, open_store
 from tests.api.conftest import Upload, served
@@ -123,11 +123,11 @@ def test_a_row_is_written_after_its_bytes_are_synced_and_in_place(
     database: Database, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A power cut between the two may lose the row, and never the bytes of a row that is there."""
-    catalog, incoming, steps = Catalog(database, open_store(str(tmp_path / "objects"))), Incoming(tmp_path), []
+    catalog, steps = Catalog(database, open_store(str(tmp_path / "objects"))), []
     write = Database.write
     monkeypatch.setattr(os, "fsync", lambda _: steps.append("sync"))
     monkeypatch.setattr(Database, "write", lambda self: steps.append("row") or write(self))
-    with incoming.receive() as upload:
+    with open_upload(tmp_path) as upload:
         replace = Path.replace
         monkeypatch.setattr(Path, "replace", lambda *paths: steps.append("place") or replace(*paths))
         upload.write(b"log")

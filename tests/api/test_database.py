@@ -18,7 +18,7 @@ from api.problems import Problem, ProblemError
 from api.store.database import Database
 from api.store.records import AnalysisRecord, LogRecord, Record
 from api.store.resources import State
-from api.store.scratch import Incoming
+from api.store.scratch import open_upload
 from api.work.outcome import Reached
 from api.work.queue import Claim, Queue
 from pipeline.storage.store import open_store
@@ -61,10 +61,9 @@ def keep(catalog: Catalog, tmp_path: Path) -> Callable[..., str]:
     """Return a function that keeps a log and gives its id."""
     folder = tmp_path / "incoming"
     folder.mkdir()
-    incoming = Incoming(folder)
 
     def keep_log(content: bytes, owner: str = "ann", catalog: Catalog = catalog) -> str:
-        with incoming.receive() as upload:
+        with open_upload(folder) as upload:
             upload.write(content)
             return catalog.keep_logs([(upload, "a.bin")], owner)[0].log.id
 

@@ -4,7 +4,6 @@ import asyncio
 import re
 from collections.abc import AsyncGenerator, Callable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import cast
 
 from fastapi import Request
@@ -14,10 +13,11 @@ from starlette.datastructures import Headers, UploadFile
 from starlette.formparsers import MultiPartException, MultiPartParser
 from starlette.requests import ClientDisconnect
 
-from api.logs.catalog import AcceptedLog, Catalog
+from api.logs.catalog import AcceptedLog
 from api.problems import ProblemError
 from api.settings import Settings
-from api.store.scratch import Incoming, Upload
+from api.store.scratch import Upload, open_upload
+from api.web.dependencies import Parts
 from core.quantity import size
 
 #: Bytes gathered before they are written: few enough for many uploads at once, enough for few trips to the disk.
@@ -86,38 +86,36 @@ class _Form(MultiPartParser):
 
 
 async def receive_logs(
-    request: Request,
-    incoming: Incoming,
-    catalog: Catalog,
-    owner: str,
-    settings: Settings,
-    recognise: Callable[[Path, str], object] | None = None,
-    fields: dict[str, str] | None = None,
+    request: Request, parts: Parts, owner: str, fields: dict[str, str] | None = None
 ) -> list[AcceptedLog]:
-    """Store the logs of an upload: all, or none when something is wrong with one; `fields` gathers other fields."""
-    boundary, limit = _boundary(request), settings.upload_limit
+    """Keep the logs of an upload, which must begin like logs: all, or none when something is wrong with one.
+
+    `fields` gathers the other fields of the form.
+    """
+    parts.rates.count_upload(request, owner)
+    boundary, limit = _boundary(request), parts.settings.upload_limit
     if int(request.headers.get("content-length", 0)) > limit + _FORM_OVERHEAD:
         raise _too_large(limit)
-    await run_in_threadpool(catalog.check_room, owner)
+    await run_in_threadpool(parts.catalog.check_room, owner)
     try:
         with ExitStack() as stack:
-            body = _body(request, limit + _FORM_OVERHEAD, settings)
-            form = _Form(boundary, body, lambda: stack.enter_context(incoming.receive()))
-            parts = (await form.parse()).multi_items()
+            body = _body(request, limit + _FORM_OVERHEAD, parts.settings)
+            form = _Form(boundary, body, lambda: stack.enter_context(open_upload(parts.scratch.folder)))
+            received = (await form.parse()).multi_items()
             if not form.complete:
                 raise _bad_form("The upload ended before the file did. Try again.")
-            files = [file for name, file in parts if name == "file" and isinstance(file, UploadFile)]
+            files = [file for name, file in received if name == "file" and isinstance(file, UploadFile)]
             if not files:
                 raise _bad_form("The form has no file called `file`. With curl: curl -F file=@FLIGHT.bin ADDRESS.")
             if fields is not None:
-                fields |= {name: value for name, value in parts if isinstance(value, str)}
+                fields |= {name: value for name, value in received if isinstance(value, str)}
             arrived = [(cast("Upload", file.file), _display_name(file.filename or "")) for file in files]
             for upload, name in arrived:
                 if upload.size == 0:
                     raise _empty(name)
-                if recognise is not None:
-                    await run_in_threadpool(recognise, upload.path, name)
-            return await run_in_threadpool(catalog.keep_logs, arrived, owner)
+                if parts.recognise is not None:
+                    await run_in_threadpool(parts.recognise, upload.path, name)
+            return await run_in_threadpool(parts.catalog.keep_logs, arrived, owner)
     except MultiPartException as error:
         raise _bad_form(f"The multipart form is damaged: {error.__cause__ or error.message}") from error
     except ClientDisconnect as error:
