@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 
+import numpy as np
+
 from core.findings import Finding, Severity
 from core.parameter import Parameter
 from core.quantity import counted, duration, number, uncertain
@@ -17,6 +19,7 @@ from pipeline.results.flight import FlightResult
 from pipeline.results.model import ParameterRow
 from pipeline.results.rotation import AxisMargins, LoopState
 from pipeline.results.span import Span
+from sysid.records.motor_scaling import curve
 from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
 from sysid.rotors.thrust_regression import THRUST_CHANGED
 from sysid.validation.uses import PredictionUse
@@ -29,7 +32,7 @@ def compose_answer(result: FlightResult) -> Answer:
     if isinstance(account, Failure):
         lines = [AnswerLine(purpose="Happened", word="", tone=Tone.UNKNOWN, text=f"Not known: {account.reason}")]
     else:
-        lines = [happened(account), *_damage(result), *state_lines(account)]
+        lines = [happened(account), *_damage(result), *state_lines(account, full_thrust(result))]
     return Answer(
         lines=(*lines, *_identified(result)),
         picture=picture,
@@ -132,8 +135,8 @@ def happened(account: Account) -> AnswerLine:
     return AnswerLine(purpose="Happened", word=account.in_short, tone=tone, text=account.headline + remark)
 
 
-def state_lines(account: Account) -> Iterator[AnswerLine]:
-    """Yield how it flew, battery, vibration, GPS, thrust and motors, each where the log tells it."""
+def state_lines(account: Account, full: float | None) -> Iterator[AnswerLine]:
+    """Yield how it flew, battery, vibration, GPS, thrust (`full_thrust`) and motors, each where the log tells it."""
     if account.flight is None:
         return
     flown = _flown(account)
@@ -146,7 +149,7 @@ def state_lines(account: Account) -> Iterator[AnswerLine]:
     if account.gps is not None:
         yield _gps(account.gps, [finding for finding in account.notable if finding.id == "gps-glitch"])
     if account.hover is not None:
-        yield _thrust(account.hover)
+        yield _thrust(account.hover, full)
     if account.motors is not None:
         yield _motors(account.motors, failed=any(finding.id == "motor-fault" for finding in account.story))
 
@@ -201,15 +204,15 @@ def _gps(gps: GpsReading, jumps: Sequence[Finding]) -> AnswerLine:
     return _line("GPS", text, care=gps.fix_share < 0.99 or jumped > 0.0)
 
 
-def _thrust(hover: HoverReading) -> AnswerLine:
-    ratio, steady = hover.thrust_to_weight, abs(hover.end - hover.start) < _STEADY
+def _thrust(hover: HoverReading, full: float | None) -> AnswerLine:
+    steady = abs(hover.end - hover.start) < _STEADY
     text = (
         f"hovers at {100.0 * hover.start:.0f} %"
         + ("" if steady else f", later {100.0 * hover.end:.0f} %")
         + " throttle"
     )
-    text += "" if ratio is None else f"; at most {number(ratio, 2)} × weight"
-    return _line("Thrust", text, care=ratio is not None and ratio < _ADVISED)
+    text += "" if full is None else f"; at most {number(full, 2)} × weight"
+    return _line("Thrust", text, care=full is not None and full < _ADVISED)
 
 
 def _motors(motors: MotorsReading, *, failed: bool) -> AnswerLine:
@@ -326,7 +329,7 @@ _SHOWN = (
 
 def parameters(result: FlightResult) -> AnswerLine | None:
     """Answer with thrust first; None where nothing is determined."""
-    headlines = {row.parameter: row for row in parameter_rows(result.parameters) or () if row.method == HEADLINE}
+    headlines = _headlines(result)
     known: list[tuple[str, float, float, str]] = []
     unknown = []
     for label, rows in _SHOWN:
@@ -355,6 +358,28 @@ def parameters(result: FlightResult) -> AnswerLine | None:
     word = "known" if complete else "disputed" if disagree or changed else "partly"
     tone = Tone.GOOD if complete else Tone.CARE
     return AnswerLine(purpose="Parameters", word=word, tone=tone, text=text, value=value, sigma=sigma, unit=unit)
+
+
+def full_thrust(result: FlightResult) -> float | None:
+    """Return the full thrust over the weight, in the air and with the battery of the flight; None where undetermined.
+
+    Throttle does not tell it: autopilots correct theirs for air and battery, and old ones are no share of the thrust.
+    """
+    thrust, stated = present(result.thrust), _headlines(result).get("thrust over mass")
+    if thrust is None or not thrust.hover_command or not thrust.common.per_mass or changed_load(result):
+        return None
+    if not isinstance(result.parameters, Failure):
+        per_mass = None if stated is None or stated.best is None else stated.value
+    else:
+        per_mass = thrust.common.per_mass if thrust.common.determined else None
+    if per_mass is None:
+        return None
+    return per_mass / thrust.common.per_mass / curve(np.array(thrust.hover_command), thrust.thrust_expo).item()
+
+
+def _headlines(result: FlightResult) -> Mapping[str, ParameterRow]:
+    """Return the best value of each parameter."""
+    return {row.parameter: row for row in parameter_rows(result.parameters) or () if row.method == HEADLINE}
 
 
 def _row(

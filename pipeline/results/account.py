@@ -106,7 +106,6 @@ class HoverReading:
 
     start: float  #: Over the first steady hover.
     end: float  #: Over the last.
-    thrust_to_weight: float | None  #: Full thrust over the weight; None where throttle is no share of the thrust.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -461,7 +461,6 @@ def test_the_state_of_the_craft_is_read_off():
     assert (flight_account.motors.hardest, flight_account.motors.at_limit) == ("1", pytest.approx(4.0 / 60.0, abs=0.01))
     assert flight_account.gps.satellites_least == 12
     assert flight_account.hover.start == pytest.approx(0.35)
-    assert flight_account.hover.thrust_to_weight == pytest.approx(1.0 / 0.35)
     # A constant is no battery: nothing loads it.
     assert account(flown()).battery is None
 

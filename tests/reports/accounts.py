@@ -24,7 +24,7 @@ STATE = {
     "battery": BatteryReading(start=16.8, end=16.4, lowest=15.7, cells=4),
     "vibration": Vibration(worst=6.0, p95=6.0, t=54.0, axis="X", clips=0, advised=30.0, harmful=60.0, source="VIBE"),
     "gps": GpsReading(satellites_least=14, satellites_median=16, fix_share=1.0),
-    "hover": HoverReading(start=0.49, end=0.50, thrust_to_weight=2.0),
+    "hover": HoverReading(start=0.49, end=0.50),
     "motors": MotorsReading(mean={"1": 0.5, "2": 0.52}, hardest="2", at_limit=0.0),
 }
 

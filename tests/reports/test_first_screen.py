@@ -240,6 +240,23 @@ def test_words_follow_a_load_that_was_dropped(flight):
     assert line_of(dropped, "Parameters") is None
 
 
+def test_full_thrust_is_that_of_the_motors_in_the_air_of_the_flight(flight):
+    """Throttle is corrected for thin air: a craft in Quito read 2.8 times its weight where its motors give 2.05."""
+    t = np.arange(0.0, 60.0, 0.1)
+    walk = np.random.default_rng(0).normal(0.0, 10.0, (len(t), 1)).cumsum(axis=0).clip(-60.0, 60.0)
+    pwm, density = 1500.0 + walk + np.zeros(4), 0.9
+    shares = motor_commands(pwm, Vehicle(thrust_expo=0.6))
+    per_motor = 9.80665 / (0.4 * 0.5 + 0.6 * 0.5**2) / 4.0
+    pull = per_motor * (0.4 * shares + 0.6 * shares**2).sum(axis=1)
+    context = pd.DataFrame({"f_z": -pull, "voltage": 16.0, "density": density}, index=t)
+    record = Experiment.from_arrays(t, pwm, np.zeros((len(t), 3)), context=context, vehicle=Vehicle(thrust_expo=0.6))
+    shown = answered(flight, thrust=fit_thrust([record], 1.5), parameters=Failure("parameters", "none"))
+    full = float(re.search(r"at most ([\d.]+) × weight", line_of(shown, "Thrust").text)[1])
+    assert full == pytest.approx(4.0 * per_motor / 9.80665, rel=0.02)
+    hardly = answered(flight, thrust=Failure("thrust", "no accelerometer"))
+    assert "weight" not in line_of(hardly, "Thrust").text
+
+
 def test_next_is_what_to_inspect_else_how_to_fly(flight):
     advice = Advice(id="a", rank=1, do="Log faster", why="It is slow.", gain="margins")
     calm = answered(flight, advice=(advice,))

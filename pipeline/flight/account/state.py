@@ -196,12 +196,7 @@ def hover(readings: Readings) -> HoverReading | None:
     values = inside.to_numpy(np.float64)[steady]
     if len(values) * step < _FEWEST:
         return None
-    last = float(np.median(values[-count:]))
-    # In Copter 3.4 and later, and in logs without a throttle, it is a share of the full thrust.
-    linear = "MOT_SPIN_MAX" in readings.tables.parameters
-    return HoverReading(
-        start=float(np.median(values[:count])), end=last, thrust_to_weight=1.0 / last if linear and last > 0.0 else None
-    )
+    return HoverReading(start=float(np.median(values[:count])), end=float(np.median(values[-count:])))
 
 
 def motors(readings: Readings) -> MotorsReading | None:
