@@ -30,7 +30,7 @@ from simulation._parameters import (
     SensorParameters,
     TankParameters,
 )
-from simulation.atmosphere import GRAVITY
+from simulation.atmosphere import GRAVITY, SEA_LEVEL_DENSITY
 
 POSITION, VELOCITY, ATTITUDE, RATE, ROTORS = 0, 3, 6, 10, 13
 
@@ -160,40 +160,30 @@ def rotor_loads(
 ) -> None:
     """Add to `load` (7,) force, moment and shaft power of all rotors; body moves with (u, v, s) through the air.
 
-    Thrust acts along the axis; the reaction torque turns the body against the rotor, as does what speeds the rotor up,
-    and the momentum of the rotors makes a gyroscopic moment. `dx` holds the rotors' accelerations already.
+    Thrust acts upwards; the reaction torque turns the body against the rotor, as does what speeds the rotor up, and the
+    momentum of the rotors makes a gyroscopic moment. `dx` holds the rotors' accelerations already.
     """
-    relative = density / frame.reference_density
+    relative = density / SEA_LEVEL_DENSITY
     wx, wy, wz = x[RATE], x[RATE + 1], x[RATE + 2]
-    fx, fy, fz, mx, my, mz, power = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    hx, hy, hz = 0.0, 0.0, 0.0
+    lift, mx, my, mz, power, momentum = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(frame.rotor_spin.size):
         w = x[ROTORS + i]
-        ax, ay, az = frame.rotor_axis[i, 0], frame.rotor_axis[i, 1], frame.rotor_axis[i, 2]
         px, py, pz = frame.rotor_position[i, 0], frame.rotor_position[i, 1], frame.rotor_position[i, 2]
         if frame.blade.radius > 0.0:
             lu, lv, ls = u + wy * pz - wz * py, v + wz * px - wx * pz, s + wx * py - wy * px
-            axial = -(lu * ax + lv * ay + ls * az)
-            across = max(lu * lu + lv * lv + ls * ls - axial * axial, 0.0)
-            inflow, thrust = induced_velocity(w, across, axial, density, frame.blade)
-            torque = thrust * (inflow - axial) / max(w, 1.0)
+            inflow, thrust = induced_velocity(w, lu * lu + lv * lv, ls, density, frame.blade)
+            torque = thrust * (inflow - ls) / max(w, 1.0)
         else:
             thrust = relative * frame.thrust_coefficient[i] * w * w
             torque = relative * frame.torque_coefficient[i] * w * w
         power += torque * w
-        momentum = -frame.rotor_spin[i] * frame.rotor_inertia[i] * w
-        hx, hy, hz = hx + momentum * ax, hy + momentum * ay, hz + momentum * az
-        torque = frame.rotor_spin[i] * (torque + frame.rotor_inertia[i] * dx[ROTORS + i])
-        fx += thrust * ax
-        fy += thrust * ay
-        fz += thrust * az
-        mx += thrust * (py * az - pz * ay) + torque * ax
-        my += thrust * (pz * ax - px * az) + torque * ay
-        mz += thrust * (px * ay - py * ax) + torque * az
-    load[0], load[1], load[2], load[6] = fx, fy, fz, power
-    load[3] = mx - (wy * hz - wz * hy)
-    load[4] = my - (wz * hx - wx * hz)
-    load[5] = mz - (wx * hy - wy * hx)
+        momentum += frame.rotor_spin[i] * frame.rotor_inertia[i] * w
+        lift += thrust
+        mx -= thrust * py
+        my += thrust * px
+        mz -= frame.rotor_spin[i] * (torque + frame.rotor_inertia[i] * dx[ROTORS + i])
+    load[0], load[1], load[2], load[6] = 0.0, 0.0, -lift, power
+    load[3], load[4], load[5] = mx - wy * momentum, my + wx * momentum, mz
 
 
 @part
@@ -251,7 +241,7 @@ def derivative(
     rotor_loads(x, u, v, s, density, frame, dx, load)
 
     # Drag in body axes: linear (rotor and induced drag) and quadratic (airframe), both proportional to density.
-    relative = density / frame.reference_density
+    relative = density / SEA_LEVEL_DENSITY
     half = 0.5 * density * sqrt(u * u + v * v + s * s)
     load[0] -= (relative * frame.drag_linear[0] + half * frame.drag_area[0]) * u
     load[1] -= (relative * frame.drag_linear[1] + half * frame.drag_area[1]) * v

@@ -51,12 +51,10 @@ class AirframeParameters(NamedTuple):
     inertia_inverse: np.ndarray  # (3, 3)
     tank: TankParameters
     rotor_position: np.ndarray  # (n, 3)
-    rotor_axis: np.ndarray  # (n, 3), direction of thrust
     rotor_spin: np.ndarray  # (n,), +1 clockwise from above
-    rotor_inertia: np.ndarray  # (n,), about the axis of rotation
+    rotor_inertia: np.ndarray  # (n,), about the axis of rotation, which is vertical
     thrust_coefficient: np.ndarray  # (n,)
     torque_coefficient: np.ndarray  # (n,)
-    reference_density: float
     blade: BladeParameters
     response: ResponseParameters
     drag_linear: np.ndarray  # (3,), N s/m

@@ -7,7 +7,6 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from simulation._parameters import CascadeParameters
-from simulation.errors import ParameterError
 from simulation.vehicle import Multirotor
 
 Gains = tuple[float, float, float]
@@ -63,8 +62,6 @@ def mixer(vehicle: Multirotor) -> np.ndarray:
     factors = np.column_stack([-right, forward, [-float(m.spin) for m in vehicle.rotors]])
     largest = np.abs(factors).max(axis=0)
     factors[np.abs(factors) < 1e-9 * largest.max()] = 0.0
-    if (largest == 0.0).any():
-        raise ParameterError(f"{vehicle.name}: the rotors cannot make torque about every axis")
     return np.ascontiguousarray(0.5 * factors / largest)
 
 
@@ -72,9 +69,9 @@ def hover_linearisation(vehicle: Multirotor, speeds: np.ndarray) -> tuple[np.nda
     """Linearise attitude about hover with the given rotor speeds (Kim 2017, eq. 17)."""
     moments = np.empty((3, len(vehicle.rotors)))
     for k, (mount, speed) in enumerate(zip(vehicle.rotors, speeds, strict=True)):
-        thrust = mount.rotor.thrust(1.0) * np.cross(mount.position, mount.axis)
-        torque = mount.spin * mount.rotor.torque(1.0) * np.array(mount.axis)
-        moments[:, k] = 2.0 * speed * (thrust + torque)
+        forward, right, _ = mount.position
+        k_w, b_w = (2.0 * speed * part(1.0) for part in (mount.rotor.thrust, mount.rotor.torque))
+        moments[:, k] = -right * k_w, forward * k_w, -mount.spin * b_w
     A = np.zeros((5, 5))
     A[0, 2] = A[1, 3] = 1.0
     return A, np.vstack((np.zeros((2, len(speeds))), np.linalg.solve(vehicle.inertia, moments)))
@@ -82,9 +79,5 @@ def hover_linearisation(vehicle: Multirotor, speeds: np.ndarray) -> tuple[np.nda
 
 def lqr(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Gain K of ``u = -K x`` that minimises the integral of ``x'Qx + u'Ru``; shape (inputs, states)."""
-    try:
-        P = solve_continuous_are(A, B, Q, R)
-    except (np.linalg.LinAlgError, ValueError) as error:
-        raise ParameterError(f"no LQR for these weights and inputs: {error}") from error
-    gain: np.ndarray = np.linalg.solve(R, B.T @ P)
+    gain: np.ndarray = np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R))
     return gain

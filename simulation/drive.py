@@ -14,17 +14,17 @@ from simulation.atmosphere import SEA_LEVEL_DENSITY
 class QuadraticRotor:
     """Thrust ``k w^2`` and torque ``b w^2`` of Elhesasy 2024 (eq. 12), proportional to air density."""
 
-    thrust_coefficient: float  #: k, N s^2 at `reference_density`.
-    torque_coefficient: float  #: b, N m s^2 at `reference_density`.
-    reference_density: float = SEA_LEVEL_DENSITY  #: Air density at which k and b hold, kg/m^3.
+    #: k [N s^2] and b [N m s^2] in sea-level air.
+    thrust_coefficient: float
+    torque_coefficient: float
 
     def thrust(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
         """Return the thrust [N] at `speed` [rad/s] in air of `density` [kg/m^3]."""
-        return self.thrust_coefficient * density / self.reference_density * speed * speed
+        return self.thrust_coefficient * density / SEA_LEVEL_DENSITY * speed * speed
 
     def torque(self, speed: float, density: float = SEA_LEVEL_DENSITY) -> float:
         """Return the torque [N m] at `speed` [rad/s] in air of `density` [kg/m^3]."""
-        return self.torque_coefficient * density / self.reference_density * speed * speed
+        return self.torque_coefficient * density / SEA_LEVEL_DENSITY * speed * speed
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

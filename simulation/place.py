@@ -8,7 +8,6 @@ import numpy as np
 from pygeomag import GeoMag
 from scipy.signal import lfilter
 
-from logparse import Geodetic
 from simulation.atmosphere import Atmosphere
 from simulation.errors import ParameterError
 
@@ -99,11 +98,6 @@ class Place:
                 f"place {self.name!r}: latitude {self.lat_deg:g}, longitude {self.lon_deg:g} deg is not a place "
                 "below 89 deg of latitude"
             )
-
-    @property
-    def geodetic(self) -> Geodetic:
-        """The same place in radians."""
-        return Geodetic(math.radians(self.lat_deg), math.radians(self.lon_deg), self.alt)
 
     @property
     def atmosphere(self) -> Atmosphere:

@@ -137,6 +137,7 @@ def describe_vehicle(vehicle: Multirotor, voltage: float) -> dict[str, object]:
             for k, mount in enumerate(vehicle.rotors, start=1)
         ],
         **_rotor_truth(rotor),
+        "reference_density_kg_m3": SEA_LEVEL_DENSITY,
         "speed_max_rad_s": drive.speed_max,
         **_response_truth(vehicle),
         "expo": drive.expo,
@@ -168,9 +169,8 @@ def _rotor_truth(rotor: Rotor) -> dict[str, object]:
         return {
             "thrust_coefficient_n_s2": rotor.thrust_coefficient,
             "torque_coefficient_n_m_s2": rotor.torque_coefficient,
-            "reference_density_kg_m3": rotor.reference_density,
         }
-    return {"blade_element": dataclasses.asdict(rotor), "reference_density_kg_m3": SEA_LEVEL_DENSITY}
+    return {"blade_element": dataclasses.asdict(rotor)}
 
 
 def _response_truth(vehicle: Multirotor) -> dict[str, object]:

@@ -17,13 +17,12 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class RotorMount:
-    """Where a rotor sits and how it turns."""
+    """Where an upright rotor sits and how it turns."""
 
     rotor: Rotor  #: Its thrust and torque.
     position: tuple[float, float, float]  #: From the centre of gravity, body FRD, m.
     spin: int  #: +1 clockwise seen from above, -1 counter-clockwise.
     layer: int = 0  #: +1 upper, -1 lower, 0 where there is one layer.
-    axis: tuple[float, float, float] = (0.0, 0.0, -1.0)  #: Unit vector of the thrust, body FRD.
     #: Of propeller and bell about the axis, kg m^2; makes gyroscopic moments and the kick of a rotor that speeds up.
     inertia: float = 0.0
 
@@ -93,7 +92,7 @@ class Multirotor:
     drive: Drive  #: The same for all rotors.
     battery: Battery = field(default_factory=Battery)
     gear: LandingGear = field(default_factory=LandingGear)
-    #: Drag per airspeed along body x, y, z at the rotors' reference density, N s/m.
+    #: Drag per airspeed along body x, y, z at sea-level density, N s/m.
     drag_linear: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drag_area: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Drag coefficient times area along body x, y, z, m^2.
     tank: Tank | None = None  #: Payload that flows out; mass and inertia above are then those at the start.
@@ -130,7 +129,7 @@ class Multirotor:
         return np.concatenate((position, velocity, attitude, rate, speeds, drives.ravel())).astype(float)
 
     def hover_speed(self, gravity: float, density: float = SEA_LEVEL_DENSITY) -> float:
-        """Speed [rad/s] at which all rotors, turning alike, carry the weight together; for upright rotors.
+        """Speed [rad/s] at which all rotors, turning alike, carry the weight together.
 
         Static thrust goes with the square of the speed for both kinds of rotor.
         """
@@ -166,12 +165,10 @@ class Multirotor:
             inertia_inverse=_inverse(np.asarray(self.inertia, dtype=float)),
             tank=self._tank_parameters(),
             rotor_position=np.array([mount.position for mount in self.rotors], dtype=float),
-            rotor_axis=np.array([mount.axis for mount in self.rotors], dtype=float),
             rotor_spin=np.array([mount.spin for mount in self.rotors], dtype=float),
             rotor_inertia=np.array([mount.inertia for mount in self.rotors], dtype=float),
             thrust_coefficient=np.array([rotor.thrust_coefficient for rotor in quadratic]),
             torque_coefficient=np.array([rotor.torque_coefficient for rotor in quadratic]),
-            reference_density=quadratic[0].reference_density if quadratic else SEA_LEVEL_DENSITY,
             blade=first.kernel_parameters() if isinstance(first, BladeElementRotor) else NO_BLADE,
             response=self.drive.response.kernel_parameters(),
             drag_linear=np.array(self.drag_linear, dtype=float),
