@@ -17,10 +17,8 @@ from pipeline.names import printable
 from pipeline.results.drift import ParameterChange
 from pipeline.results.model import ModelReport, average
 from pipeline.results.report import CraftReport, FleetReport, FlightReport
+from sysid.rigid_body.consensus import TRUSTED
 from sysid.validation.uses import Trust
-
-#: Methods from the one that uses most of the data to the one that uses least: the first that both sides have counts.
-METHODS = ("rigid body", "rotor", "Kim 2017", "Refinement 2020, stacked", "mean thrust", "Refinement 2020, mean")
 
 #: Settings of an analysis that do not change what is found.
 _NO_MATTER = frozenset({"time_limit", "training", "validation"})
@@ -227,10 +225,10 @@ def _facts(subject: Compared) -> Facts:
 
 
 def _parameters(a: Compared, b: Compared) -> tuple[ParameterChange, ...]:
-    """Test every parameter that both sides determined; one method for each."""
+    """Test every parameter that both sides determined, by the first of the trusted methods that both have."""
     rows: list[ParameterChange] = []
     for parameter in dict.fromkeys(name for name, _ in a.points):
-        keys = [(parameter, method) for method in METHODS]
+        keys = [(parameter, method) for method in TRUSTED]
         pair = next((pair for pair in keys if a.points.get(pair) and b.points.get(pair)), None)
         if pair is not None:
             rows.append(difference(*pair, a.units[parameter], a.points[pair], b.points[pair]))

@@ -68,7 +68,7 @@ def fit_rigid_body(
         kg; without it everything is per unit of mass.
     priors : mapping of str to (mean, sigma), optional
         What is known beforehand of parameters of `TRANSLATION_UNITS`, in their units, such as the thrust from a bench
-        over the mass. Sigma 0 holds a parameter.
+        over the mass.
     time_limit : float
         s, for the steps of output error; the best values so far are returned, with a finding.
     progress : callable, optional
@@ -158,9 +158,10 @@ def _prior(
     shared[THETA.index("thrust_expo"), 0] = np.clip(vehicle.thrust_expo, 0.0, 1.0)
     for name, (mean, sigma) in given.items():
         low, high = PRIORS[name][2:]
-        if not (np.isfinite(mean) and sigma >= 0.0 and low <= mean <= high):
+        if not (sigma > 0.0 and low <= mean <= high):
             raise ExperimentError(
-                f"{name} cannot be {mean} with a standard deviation of {sigma}: it lies between {low} and {high}"
+                f"{name} cannot be {mean} with a standard deviation of {sigma}: it lies between {low} and {high}, and "
+                "nobody knows it exactly"
             )
         shared[THETA.index(name), :2] = mean, sigma
     own = np.array(trim_prior()).T

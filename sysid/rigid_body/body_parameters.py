@@ -88,9 +88,7 @@ def judge_parameters(
     beyond = np.hypot(np.sqrt(fine.transfer), in_air * fine.values[:SHARED])
     for k, name in enumerate(THETA):
         value, reason = float(fine.values[k]), ""
-        if prior.sigma[k] == 0.0:
-            reason = "held at the value given"
-        elif name == "thrust" and unlogged:
+        if name == "thrust" and unlogged:
             reason = f"only {len(records[0].input_names)} of {len(vehicle.motors)} motors are logged"
         else:
             reason = _doubt(name, value, float(np.hypot(sigma[k], beyond[k])))
@@ -303,7 +301,7 @@ def in_si(
 
 def undetermined(parameters: Mapping[str, BodyParameter]) -> list[Finding]:
     """Return a finding that names what is not determined, if anything."""
-    missing = [p for p in parameters.values() if not p.determined and p.reason != "held at the value given"]
+    missing = [p for p in parameters.values() if not p.determined]
     if not missing:
         return []
     return [

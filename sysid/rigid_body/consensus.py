@@ -15,7 +15,7 @@ import numpy as np
 from core.quantity import uncertain
 from logparse import Finding, Severity
 
-#: Methods that may be the headline. Left out is the mean of instants, which noise biases.
+#: Methods that may be the headline, the ones trusted most first. Left out is the mean of instants, which noise biases.
 TRUSTED = ("rigid body", "Refinement 2020, stacked", "Kim 2017", "mean thrust")
 
 

@@ -61,7 +61,7 @@ LAWS = (ROTOR_DRAG, ROTOR_DRAG | AXIS_DRAG, 0, AXIS_DRAG)
 class Prior:
     """What is known beforehand: independent normal distributions, and the range in which values make sense."""
 
-    #: shape (n,): Of all parameters as in `FilterErrorFit`; sigma may be infinite, or 0 for what is held.
+    #: shape (n,): Of all parameters as in `FilterErrorFit`; sigma may be infinite.
     mean: Floats
     sigma: Floats
     low: Floats
@@ -91,7 +91,7 @@ class FilterErrorFit:
 
     #: shape (n,): Shared parameters (`body_motion.THETA`), then wind exponent, thrust scale and wind of each flight.
     values: Floats
-    covariance: Floats  #: shape (n, n): Prior knowledge included; zero for what is held.
+    covariance: Floats  #: shape (n, n): Prior knowledge included.
     information: Floats  #: shape (n, n): What the data alone say.
     disturbances: tuple[Disturbances, ...]  #: Of each flight.
     #: shape (clusters,): Negative log-likelihood of the innovations (Huber's beyond three standard deviations).
@@ -185,15 +185,14 @@ def fit_filter_error(
 
     `start`, (n,), has shared parameters, then wind exponent, thrust scale and wind of each flight.
     """
-    free = np.flatnonzero(prior.sigma > 0.0)
-    weight = np.where(np.isfinite(prior.sigma[free]), 1.0 / np.maximum(prior.sigma[free], 1e-300) ** 2, 0.0)
+    weight = prior.sigma**-2.0
     values, converged, last = np.clip(start, prior.low, prior.high), False, np.inf
     # What is left over at first values is of the parameters: usual disturbances lead to better ones.
     usual = Disturbance(*map(float, np.exp(_START)))
     likeliest = list(disturbances or [(usual, usual)] * len(motions))
 
     def spent(now: _Linearised, at: Floats) -> float:
-        return now.cost + 0.5 * float(weight @ (at[free] - prior.mean[free]) ** 2)
+        return now.cost + 0.5 * float(weight @ (at - prior.mean) ** 2)
 
     parts = _explained(motions, values, law)
     for number in range(_ROUNDS if disturbances is None else 1):
@@ -202,13 +201,12 @@ def fit_filter_error(
         now, damping = _linearise(parts, len(values), likeliest), 1e-9
         total = spent(now, values)
         for _ in range(_STEPS):
-            hessian = now.hessian[np.ix_(free, free)] + np.diag(weight)
-            uphill = now.gradient[free] - weight * (values[free] - prior.mean[free])
+            hessian = now.hessian + np.diag(weight)
+            uphill = now.gradient - weight * (values - prior.mean)
             accepted = False
             while not accepted and damping < 1e6:
-                trial = values.copy()
-                trial[free] = step_within(hessian, uphill, damping, values[free], prior.low[free], prior.high[free])
-                step = trial[free] - values[free]
+                trial = step_within(hessian, uphill, damping, values, prior.low, prior.high)
+                step = trial - values
                 if step @ (uphill - 0.5 * hessian @ step) < _CONVERGED:
                     break
                 then_parts = _explained(motions, trial, law)
@@ -230,7 +228,7 @@ def fit_filter_error(
             converged = True
             break
         last = total
-    return _result(now, values, free, weight, tuple(likeliest), converged)
+    return _result(now, values, weight, tuple(likeliest), converged)
 
 
 def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats, low: Floats, high: Floats) -> Floats:
@@ -343,27 +341,21 @@ def inverted(information: Floats) -> Floats:
 def _result(
     now: _Linearised,
     values: Floats,
-    free: NDArray[np.int64],
     weight: Floats,
     disturbances: tuple[Disturbances, ...],
     converged: bool,
 ) -> FilterErrorFit:
     """Invert the information; enlarge standard errors where scores scatter more than the disturbances explain."""
-    own = np.ix_(free, free)
-    inverse = inverted(now.hessian[own] + np.diag(weight))
-    scores = now.scores[:, free]
+    inverse, scores = inverted(now.hessian + np.diag(weight)), now.scores
     # Neighbours are taken together: a disturbance that is not as it is modelled does not end with a cluster.
     same = (now.flights[1:] == now.flights[:-1])[:, None]
     cross = (scores[1:] * same).T @ scores[:-1]
     sandwich = inverse @ (scores.T @ scores + 0.5 * (cross + cross.T) + np.diag(weight)) @ inverse
     growth = np.sqrt(np.maximum(np.diag(sandwich) / np.maximum(np.diag(inverse), 1e-300), 1.0))
-    covariance, information = np.zeros_like(now.hessian), np.zeros_like(now.hessian)
-    covariance[own] = inverse * np.outer(growth, growth)
-    information[own] = now.hessian[own]
     return FilterErrorFit(
         values=values,
-        covariance=covariance,
-        information=information,
+        covariance=inverse * np.outer(growth, growth),
+        information=now.hessian,
         disturbances=disturbances,
         costs=now.costs,
         converged=converged,

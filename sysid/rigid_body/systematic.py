@@ -51,19 +51,14 @@ def with_shared_errors(motions: Sequence[BodyMotion], fit: FilterErrorFit, law: 
 
     What another flight adds, and these do not show, stands beside it.
     """
-    held = prior.sigma[:SHARED] == 0.0
-    places, part = np.flatnonzero(~held), folded(motions, fit.values)
-    to_their_air = np.eye(len(fit.values))
-    if not held[0]:
-        to_their_air[0, SHARED + OWN.index("thrust_scale") :: len(OWN) + 2] = fit.values[0] / len(motions)
+    places, part, to_their_air = np.arange(SHARED), folded(motions, fit.values), np.eye(len(fit.values))
+    to_their_air[0, SHARED + OWN.index("thrust_scale") :: len(OWN) + 2] = fit.values[0] / len(motions)
     covariance = to_their_air @ fit.covariance @ to_their_air.T
     errors, others = form_and_attitude(motions, fit.values)
     errors[0] = _wandering(motions, fit.values, law) * fit.values[0]
     errors[LAG] = float(np.hypot(errors[LAG], part * max(motion.input_interval for motion in motions)))
-    covariance[places, places] += errors[places] ** 2
-    others = np.where(held, 0.0, others**2)
-    fit = replace(fit, covariance=covariance, transfer=others)
-    return fit if held[EXPO] else _with_curvature(motions, fit, prior, part)
+    covariance[places, places] += errors**2
+    return _with_curvature(motions, replace(fit, covariance=covariance, transfer=others**2), prior, part)
 
 
 def _with_curvature(motions: Sequence[BodyMotion], fit: FilterErrorFit, prior: Prior, fold: float) -> FilterErrorFit:
@@ -93,9 +88,7 @@ def _with_curvature(motions: Sequence[BodyMotion], fit: FilterErrorFit, prior: P
 
 def _curvature_variance(fit: FilterErrorFit, prior: Prior) -> float:
     """Variance of the curvature by the scatter within flights and by the parameters, under one law of drag."""
-    free = np.flatnonzero(prior.sigma > 0.0)
-    both = inverted(fit.information[np.ix_(free, free)] + np.diag(prior.sigma[free] ** -2.0))
-    return float(np.diag(both)[free == EXPO].item())
+    return float(inverted(fit.information + np.diag(prior.sigma**-2.0))[EXPO, EXPO])
 
 
 def _wandering(motions: Sequence[BodyMotion], values: Floats, law: int) -> float:

@@ -16,7 +16,7 @@ from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_signals import EXPLAINED, MotorGeometry, motor_signals
 from sysid.records.thrust_curve import Law, column, lagged
-from sysid.rotors.thrust_regression import DETERMINED, vehicle_of
+from sysid.rotors.thrust_regression import DETERMINED, scaled, vehicle_of
 from sysid.statistics.covariance import autocovariance, coloured_information
 
 #: Length of the windows, s: several periods of the attitude loops, short against the drift of open-loop rates.
@@ -180,7 +180,7 @@ def output_error(
     free = known is None
     all_gains = [np.vstack([w.gains[o] for w in windows]) @ share.T for o in range(3)]
     all_outputs = [np.concatenate([w.outputs[o] for w in windows]) for o in range(3)]
-    climb = _scaled(np.concatenate([w.climb for w in windows])[:, None])[0]
+    climb = scaled(np.concatenate([w.climb for w in windows])[:, None])[0]
     all_gains[0], all_outputs[0] = _without(climb, all_gains[0]), _without(climb, all_outputs[0])
     # Sensitivities are combinations of these columns: their triangular factors have all products of all rows.
     triangles = [
@@ -200,9 +200,9 @@ def output_error(
     for _ in range(12):
         rows, left = _sensitivities(gains, outputs, values, lever, free)
         weights = np.array([samples / max(float(np.linalg.norm(missed)), 1e-9) for missed in left])
-        scaled, size = _scaled(np.vstack([weight * slopes for weight, slopes in zip(weights, rows, strict=True)]))
+        columns, size = scaled(np.vstack([weight * slopes for weight, slopes in zip(weights, rows, strict=True)]))
         aim = np.concatenate([weight * missed for weight, missed in zip(weights, left, strict=True)])
-        step = np.linalg.lstsq(scaled, aim, rcond=1e-8)[0] / size
+        step = np.linalg.lstsq(columns, aim, rcond=1e-8)[0] / size
         values, lever = values + step[:q], lever + (step[q:] if free else 0.0)
     rows, _ = _sensitivities(gains, outputs, values, lever, free)
     whole = np.vstack([weight * slopes for weight, slopes in zip(weights, rows, strict=True)])
@@ -229,7 +229,7 @@ def _levers(windows: Sequence[Window], specific: float) -> list[float]:
     """Start levers: least squares of each rate on every pattern of the motors, which unlike motors do not bend."""
     result = []
     for o, (own, sign) in enumerate(((2, -1.0), (3, 1.0))):
-        patterns, size = _scaled(np.vstack([w.patterns[o] for w in windows]))
+        patterns, size = scaled(np.vstack([w.patterns[o] for w in windows]))
         output = np.concatenate([w.outputs[1 + o] for w in windows])
         result.append(sign * float(np.linalg.lstsq(patterns, output, rcond=1e-8)[0][own] / size[own] / specific))
     return result
@@ -250,13 +250,6 @@ def _sensitivities(
     return rows, left
 
 
-def _scaled(columns: Floats) -> tuple[Floats, Floats]:
-    """Columns of length 1, and their lengths; 1 of those that are zero."""
-    size = np.linalg.norm(columns, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    return columns / size, size
-
-
 def _covariance(
     whole: Floats, rows: Sequence[Floats], left: Sequence[Floats], weights: Floats, lengths: Sequence[int]
 ) -> tuple[Floats, float]:
@@ -264,10 +257,10 @@ def _covariance(
 
     `rows` and `left` are sensitivities and residuals of each output; `whole` has the products of all, weighted.
     """
-    scaled, size = _scaled(whole)
-    singular = np.linalg.svd(scaled, compute_uv=False)
+    columns, size = scaled(whole)
+    singular = np.linalg.svd(columns, compute_uv=False)
     condition = float(singular[0] / singular[-1]) if singular[-1] > 0.0 else float("inf")
-    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-14)
+    inverse = np.linalg.pinv(columns.T @ columns, rcond=1e-14)
     cuts = np.cumsum(lengths)[:-1]
     middle = np.zeros_like(inverse)
     for w, slopes, missed in zip(weights, rows, left, strict=True):
@@ -296,13 +289,13 @@ class TorqueEstimate:
 
 def mean_torque(windows: Sequence[Window]) -> TorqueEstimate | None:
     """Least squares on eq. 9, integrated once; None when the torque is not determined."""
-    scaled, size = _scaled(np.vstack([w.yaw for w in windows]))
+    columns, size = scaled(np.vstack([w.yaw for w in windows]))
     output = np.concatenate([w.outputs[3] for w in windows])
-    if not scaled[:, 0].any():
+    if not columns[:, 0].any():
         return None
-    values = np.linalg.lstsq(scaled, output, rcond=1e-8)[0]
-    residual = output - scaled @ values
-    covariance, _ = _covariance(scaled, [scaled], [residual], np.ones(1), [len(w.yaw) for w in windows])
+    values = np.linalg.lstsq(columns, output, rcond=1e-8)[0]
+    residual = output - columns @ values
+    covariance, _ = _covariance(columns, [columns], [residual], np.ones(1), [len(w.yaw) for w in windows])
     value, sigma = float(values[0] / size[0]), float(np.sqrt(max(covariance[0, 0], 0.0)) / size[0])
     explained = _explained(residual, output)
     if not value > 0.0 or sigma > DETERMINED * value or explained < EXPLAINED:

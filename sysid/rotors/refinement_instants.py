@@ -15,7 +15,7 @@ from logparse import MissingDataError
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_signals import MotorGeometry, unexplained
 from sysid.records.thrust_curve import body_velocity, column, lagged
-from sysid.rotors.thrust_regression import covariance_of, judged
+from sysid.rotors.thrust_regression import covariance_of, judged, scaled
 
 #: Condition number of an instant's system, columns scaled to their usual size over the flight, above which it is
 #: degenerate.
@@ -330,8 +330,7 @@ def _yaw_inertia(gains: Sequence[tuple[Floats, Floats, float]], inertia: Sequenc
 def _robust(rows: Sequence[Floats], aims: Sequence[Floats], lags: int) -> tuple[Floats, Floats, float]:
     """Least squares with Huber weights by reweighting; covariance for coloured residuals; part of power explained."""
     x, y = np.vstack(rows), np.concatenate(aims)
-    size = np.linalg.norm(x, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
+    _, size = scaled(x)
     weight = np.ones(len(y))
     values = np.zeros(x.shape[1])
     for _ in range(20):

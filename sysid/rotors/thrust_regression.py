@@ -144,10 +144,15 @@ def regress(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Regressi
 
 def coefficients(regressors: Sequence[Floats], outputs: Sequence[Floats]) -> Floats:
     """Return the values of `regress` alone, (q,)."""
-    x, y = np.vstack(regressors), np.concatenate(outputs)
-    size = np.linalg.norm(x, axis=0)
+    x, size = scaled(np.vstack(regressors))
+    return np.asarray(np.linalg.lstsq(x, np.concatenate(outputs), rcond=1e-12)[0] / size)
+
+
+def scaled(columns: Floats) -> tuple[Floats, Floats]:
+    """Columns of length 1, and their lengths; 1 of those that are zero."""
+    size = np.linalg.norm(columns, axis=0)
     size = np.where(size > 0.0, size, 1.0)
-    return np.asarray(np.linalg.lstsq(x / size, y, rcond=1e-12)[0] / size)
+    return columns / size, size
 
 
 def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], most_lags: int = 10) -> Floats:
@@ -155,14 +160,11 @@ def covariance_of(regressors: Sequence[Floats], residuals: Sequence[Floats], mos
 
     Shapes: `regressors` (N_r, q); `residuals` (N_r,).
     """
-    x = np.vstack(regressors)
-    size = np.linalg.norm(x, axis=0)
-    size = np.where(size > 0.0, size, 1.0)
-    count = len(x)
-    freedom = max(count - x.shape[1], 1)
+    x, size = scaled(np.vstack(regressors))
+    freedom = max(len(x) - x.shape[1], 1)
     lags = max(min(most_lags, min(len(r) for r in residuals) // 4), 1)
-    colour = autocovariance(residuals, lags) * count / freedom
-    inverse = np.linalg.pinv((x / size).T @ (x / size), rcond=1e-14)
+    colour = autocovariance(residuals, lags) * len(x) / freedom
+    inverse = np.linalg.pinv(x.T @ x, rcond=1e-14)
     middle = coloured_information([rows / size for rows in regressors], colour)
     return np.asarray(inverse @ middle @ inverse / np.outer(size, size))
 
