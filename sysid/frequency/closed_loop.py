@@ -9,7 +9,6 @@ import numpy as np
 
 from core.parameter import Parameter
 from core.quantity import uncertain
-from logparse import FlightLog
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.axes import Axis, FrequencyError, axis_of
 from sysid.frequency.estimate import response_of_records
@@ -17,7 +16,7 @@ from sysid.frequency.excitation import Within
 from sysid.frequency.fit import fit
 from sysid.frequency.fitted import POOR, FrequencyFit
 from sysid.frequency.flight_records import flight_span
-from sysid.frequency.rate_signals import GivenSignals, records_of_each
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, records_of_each, sources_of
 from sysid.frequency.records import AxisRecord, on_uniform_clock
 from sysid.frequency.response import FrequencyResponse, lagging
 
@@ -71,7 +70,7 @@ def attitude_response(data: GivenSignals, axis: str, *, within: Within | None = 
     which = axis_of(axis)
     if not which.attitude:
         raise FrequencyError("the vertical axis has no attitude; ask for roll, pitch or yaw")
-    records = records_of_each(data, within, lambda source: _record(source.log, which, within))
+    records = records_of_each(sources_of(data, within), lambda source: _record(source, which))
     # Its target as input and its attitude as output; nothing integrates between them.
     following = Axis(axis, f"{axis} target", axis, "rad/rad", "", "", which.letter)
     frf = response_of_records(records, following)
@@ -92,8 +91,9 @@ def attitude_response(data: GivenSignals, axis: str, *, within: Within | None = 
     )
 
 
-def _record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
+def _record(source: LogSignals, axis: Axis) -> AxisRecord:
     """Cut target and attitude [rad] of a flight, at the rows of the attitude."""
+    log = source.log
     targets, attitude = log.tables.column("setpoints", axis.name), log.tables.attitude
     if targets is None or attitude is None or len(attitude) < 32 or targets.isna().all():
         raise FrequencyError(f"{log.path.name}: no attitude with its target; {bit_to_set(Need.FAST_RATES, log)}")
@@ -101,7 +101,7 @@ def _record(log: FlightLog, axis: Axis, within: Within | None) -> AxisRecord:
     if len(wanted) < 32 or np.median(np.diff(wanted.index)) > 0.13:
         raise FrequencyError(f"{log.path.name}: the {axis.name} target comes less than 8 times a second")
     t, angle = attitude.index.to_numpy(np.float64), attitude[axis.name].to_numpy(np.float64)
-    start, stop = flight_span(log, float(t[0]), float(t[-1]), within)
+    start, stop = flight_span(source, float(t[0]), float(t[-1]))
     rows = (t >= start) & (t <= stop) & np.isfinite(angle)
     if np.count_nonzero(rows) < 32:
         raise FrequencyError(f"{log.path.name}: too few rows of attitude in the air")

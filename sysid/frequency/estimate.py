@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from logparse import Finding, FlightLog, Severity
 from sysid.frequency.axes import Axis, FrequencyError, axis_of, log_by_log
-from sysid.frequency.excitation import Chirp, Within, find_chirps
+from sysid.frequency.excitation import Chirp, Within
 from sysid.frequency.fit import fit, refit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.flight_records import chirp_record, flight_record, throttle_record
@@ -87,7 +87,7 @@ def response(
     findings: list[Finding] = []
     sources = _sources(data, within)
     records = records_of(sources, which, findings)
-    logs = [source.log for source, _ in sources if isinstance(source, LogSignals)]
+    logs = [source.log for source in sources if isinstance(source, LogSignals)]
     source = records[0].source
     filters = {log.parameters_flown.get("INS_GYRO_FILTER") for log in logs}
     gyro = filters.pop() if len(filters) == 1 and which.attitude else None
@@ -116,8 +116,8 @@ def response(
     return replace(frf, findings=tuple(findings), systematic=common, systematic_delay=delay, limited=limited)
 
 
-#: Signals of a log, or a record of other origin, and the part of it that counts.
-Source = tuple[LogSignals | Experiment, Within | None]
+#: Signals of a log, or a record of other origin.
+Source = LogSignals | Experiment
 
 
 def records_of(sources: Sequence[Source], axis: Axis, findings: list[Finding]) -> list[AxisRecord]:
@@ -130,15 +130,15 @@ def records_of(sources: Sequence[Source], axis: Axis, findings: list[Finding]) -
     chirped: list[AxisRecord] = []
     ordinary: list[AxisRecord] = []
     reasons: list[str] = []
-    for source, part in sources:
+    for source in sources:
         try:
             if isinstance(source, Experiment):
                 ordinary.append(experiment_record(source, axis))
                 continue
-            with_chirps = _chirped(source, axis, findings, reasons, part)
+            with_chirps = _chirped(source, axis, findings, reasons)
             chirped += with_chirps
             if not with_chirps:
-                ordinary.append(ordinary_record(source, axis, part))
+                ordinary.append(ordinary_record(source, axis))
         except FrequencyError as error:
             reasons.append(str(error))
     records = _of_one_source(chirped or ordinary, findings)
@@ -151,16 +151,15 @@ def records_of(sources: Sequence[Source], axis: Axis, findings: list[Finding]) -
 
 
 def _sources(data: Data | Sequence[Data], within: Within | None) -> list[Source]:
-    """Return each source with the part of it that counts; a record cut from a log is that stretch of the log."""
+    """Return each source; a record cut from a log is that stretch of the log."""
     sources: list[Source] = []
     for given in [data] if isinstance(data, Data) else data:
         if not isinstance(given, Experiment):
-            sources += [(source, within) for source in sources_of(given, within)]
+            sources += sources_of(given, within)
         elif given.log is None:
-            sources.append((given, None))
+            sources.append(given)
         else:
-            part = (float(given.t[0]), float(given.t[-1])) if within is None else within
-            sources.append((LogSignals(given.log, part), part))
+            sources.append(LogSignals(given.log, within or (float(given.t[0]), float(given.t[-1]))))
     return sources
 
 
@@ -184,23 +183,19 @@ def _of_one_source(records: list[AxisRecord], findings: list[Finding]) -> list[A
     return [record for record in records if record.source == kept]
 
 
-def ordinary_record(source: LogSignals, axis: Axis, within: Within | None) -> AxisRecord:
+def ordinary_record(source: LogSignals, axis: Axis) -> AxisRecord:
     """Cut the record of ordinary flying, of the vertical axis from throttle and accelerometer where RATE is not logged.
 
     FrequencyError without the signals.
     """
     if not axis.attitude and not source.tells_height:
-        return throttle_record(source.log, within)
-    return flight_record(source.log, source.of(axis), axis, within)
+        return throttle_record(source)
+    return flight_record(source, source.of(axis), axis)
 
 
-def _chirped(
-    source: LogSignals, axis: Axis, findings: list[Finding], reasons: list[str], within: Within | None
-) -> list[AxisRecord]:
+def _chirped(source: LogSignals, axis: Axis, findings: list[Finding], reasons: list[str]) -> list[AxisRecord]:
     """Cut the records of a log's chirps on an axis, and say of those that cannot be used why."""
-    log = source.log
-    every = find_chirps(log, within)
-    chirps = [chirp for chirp in every if chirp.axis == axis.name]
+    log, chirps = source.log, source.chirps(axis.name)
     if not chirps:
         return []
     signals = source.of(axis)

@@ -25,8 +25,8 @@ from core.units import quantity
 from logparse import FlightLog
 from logparse.canonical.control import throttle_output
 from sysid.frequency.axes import AXES, HEIGHT_TARGET, PILOTS_THROTTLE, Axis, FrequencyError
-from sysid.frequency.excitation import Chirp, Within
-from sysid.frequency.rate_signals import RateSignals, motor_patterns, step_of
+from sysid.frequency.excitation import Chirp
+from sysid.frequency.rate_signals import LogSignals, RateSignals, motor_patterns, step_of
 from sysid.frequency.records import (
     ORDINARY_BAND,
     AxisRecord,
@@ -123,31 +123,32 @@ def _require(log: FlightLog, signals: RateSignals, axis: Axis, rows: slice, name
         raise FrequencyError(f"{log.path.name}: the log has no {' and no '.join(missing)} for the {axis.name} axis")
 
 
-def flight_span(log: FlightLog, first: float, last: float, within: Within | None = None) -> tuple[float, float]:
+def flight_span(source: LogSignals, first: float, last: float) -> tuple[float, float]:
     """Return when a flight counts: in the air, without take-off and landing; all of a log that never tells.
 
-    Of a stretch `within` the flight nothing is left out at an end that is neither take-off nor landing.
+    Of a stretch within the flight nothing is left out at an end that is neither take-off nor landing.
     """
-    flight = log.flight
+    flight = source.log.flight
     start, stop = (flight.start, flight.stop) if flight is not None else (first, last)
     start, stop = start + _TAKEOFF, stop - _TAKEOFF
-    if within is not None:
-        start, stop = max(start, within[0]), min(stop, within[1])
+    if source.within is not None:
+        start, stop = max(start, source.within[0]), min(stop, source.within[1])
     if not np.isfinite([start, stop]).all() or stop - start < SHORTEST_FLIGHT - 2.0 * _TAKEOFF:
         raise FrequencyError(
-            f"{log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.1f} s in the air; "
+            f"{source.log.path.name}: {max(stop - start + 2.0 * _TAKEOFF, 0.0):.1f} s in the air; "
             f"{SHORTEST_FLIGHT:.0f} s are needed"
         )
     return start, stop
 
 
-def flight_record(log: FlightLog, signals: RateSignals, axis: Axis, within: Within | None = None) -> AxisRecord:
+def flight_record(source: LogSignals, signals: RateSignals, axis: Axis) -> AxisRecord:
     """Cut the record of an ordinary flight: the attitude target, which comes from outside the loop, is the instrument.
 
     Without it the rate target is, of which a part comes from the angle loop; and in AutoTune, which turns the craft by
     it past the attitude target.
     """
-    start, stop = flight_span(log, float(signals.t[0]), float(signals.t[-1]), within)
+    log = source.log
+    start, stop = flight_span(source, float(signals.t[0]), float(signals.t[-1]))
     rows = signals.within(start, stop)
     t = signals.t[rows]
     _require(log, signals, axis, rows, (axis.input, axis.output))
@@ -296,17 +297,16 @@ def _heights(log: FlightLog) -> Iterator[tuple[Floats, Floats, str, float]]:
 _FEWEST_OF_THROTTLE = 64
 
 
-def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
+def throttle_record(source: LogSignals) -> AxisRecord:
     """Cut the record of a flight: throttle output, specific force along the thrust, and what asked for lift.
 
     What is faster than the throttle's rows is taken below half of their rate, so that vibration does not fold.
     """
-    name = log.path.name
-    imu = log.tables.imu
+    log, name, imu = source.log, source.log.path.name, source.log.tables.imu
     if imu is None or len(imu) < _FEWEST_OF_THROTTLE:
         raise FrequencyError(f"{name}: no RATE, and no throttle (CTUN) with an accelerometer (IMU) in its place")
-    output, source = _lifting(log, imu)
-    start, stop = flight_span(log, float(output.index[0]), float(output.index[-1]), within)
+    output, what = _lifting(log, imu)
+    start, stop = flight_span(source, float(output.index[0]), float(output.index[-1]))
     times = output.index.to_numpy(np.float64)
     step = float(np.median(np.diff(times)))
     rows = times[(times >= start) & (times <= stop)]
@@ -330,7 +330,7 @@ def throttle_record(log: FlightLog, within: Within | None = None) -> AxisRecord:
         usable=usable & turning,
         band=ORDINARY_BAND,
         instrument=instrument,
-        source=source,
+        source=what,
         trim=float(np.median(values[turning, 1]) / np.median(values[turning, 0])),
     )
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,7 +24,7 @@ from logparse import FlightLog, GivenLogs, MissingDataError, Vehicle, logs_of
 from logparse.craft.log_settings import Need, bit_to_set
 from logparse.tables import COLUMNS
 from sysid.frequency.axes import Axis, FrequencyError, log_by_log
-from sysid.frequency.excitation import Within
+from sysid.frequency.excitation import Chirp, Within, find_chirps
 from sysid.frequency.records import AxisRecord, Logged, below, on_uniform_clock
 from sysid.frequency.response import Floats
 from sysid.records.mixer import FEWEST, expectation, factors_of, patterns, thrust_commands, voltage_at
@@ -193,16 +194,26 @@ _LOWEST = 8.0
 class LogSignals:
     """The signals of a log's axes, each from the best source that the log has, read once for all of them.
 
-    Of a log of which only the stretch `within` [s] is asked for, the controllers' rows beyond it are not read.
+    Of a log of which only the stretch `within` [s] counts, the controllers' rows beyond it are not read.
     """
 
     def __init__(self, log: FlightLog, within: Within | None = None) -> None:
-        self.log, self._within = log, within
+        self.log, self.within = log, within
+
+    def part(self, start: float, stop: float) -> LogSignals:
+        """Return the signals that are read already, of which only a shorter stretch [s] counts."""
+        part = copy(self)
+        part.within = start, stop
+        return part
+
+    def chirps(self, axis: str) -> list[Chirp]:
+        """Return the chirps on an axis that count."""
+        return [chirp for chirp in find_chirps(self.log, self.within) if chirp.axis == axis]
 
     @cached_property
     def rates(self) -> RateSignals:
         """Return what the rate controllers said."""
-        return rate_signals(self.log, self._within)
+        return rate_signals(self.log, self.within)
 
     @cached_property
     def controllers(self) -> RateSignals:
@@ -258,19 +269,17 @@ GivenSignals = GivenLogs | LogSignals | Sequence[FlightLog | LogSignals | str | 
 
 
 def sources_of(data: GivenSignals, within: Within | None = None) -> list[LogSignals]:
-    """Return the signals of each log, and of each power-up of one."""
+    """Return the signals of each log, and of each power-up of one, of which the stretch `within` [s] counts."""
     signals: list[LogSignals] = []
     for given in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
         signals += [given] if isinstance(given, LogSignals) else [LogSignals(log, within) for log in logs_of(given)]
     return signals
 
 
-def records_of_each(
-    data: GivenSignals, within: Within | None, cut: Callable[[LogSignals], AxisRecord]
-) -> list[AxisRecord]:
+def records_of_each(sources: Sequence[LogSignals], cut: Callable[[LogSignals], AxisRecord]) -> list[AxisRecord]:
     """Cut a record of each log that has one; FrequencyError where none has, which says why not, log by log."""
     records, reasons = [], []
-    for source in sources_of(data, within):
+    for source in sources:
         try:
             records.append(cut(source))
         except FrequencyError as error:

@@ -96,11 +96,11 @@ class FrequencySurvey:
 def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | None = None) -> FrequencySurvey:
     """Estimate what can be had of each axis from logs of one craft."""
     given = sources_of(logs, within)
-    surveys = tuple(_axis(given, axis, within) for axis in axes)
+    surveys = tuple(_axis(given, axis) for axis in axes)
     alone = [(log, axis) for log in given for axis in axes] if len(given) > 1 else []
-    tried = [(log.log.name, _tried(partial(response, log, axis, within))[0]) for log, axis in alone]
+    tried = [(log.log.name, _tried(partial(response, log, axis))[0]) for log, axis in alone]
     single = tuple((name, frf) for name, frf in tried if frf is not None)
-    couplings = tuple(_couplings(given, surveys, within))
+    couplings = tuple(_couplings(given, surveys))
     return FrequencySurvey(
         tuple(signals.log.name for signals in given), surveys, couplings, single, tuple(_differing(single))
     )
@@ -143,12 +143,12 @@ def _tried(make: Callable[[], Found]) -> tuple[Found | None, str]:
         return None, str(error)
 
 
-def _couplings(logs: Sequence[LogSignals], surveys: Sequence[AxisSurvey], within: Within | None) -> Iterator[Coupling]:
+def _couplings(logs: Sequence[LogSignals], surveys: Sequence[AxisSurvey]) -> Iterator[Coupling]:
     """Look at what roll and pitch do to each other, where the answer of both to their own command is known."""
     known = {entry.axis: entry.response for entry in surveys if entry.fit is not None and entry.response is not None}
     for axis, other in (("roll", "pitch"), ("pitch", "roll")):
         if axis in known and other in known:
-            records = [record for log in logs for record in _records(log, AXES[axis], AXES[other], within)]
+            records = [record for log in logs for record in _records(log, AXES[axis], AXES[other])]
             across = replace(AXES[other], input=AXES[axis].input)
             with suppress(FrequencyError):
                 cross = response_of_records(records, across, gyro_filter_hz=known[axis].gyro_filter_hz, refined=False)
@@ -175,18 +175,18 @@ def _ratio(own: FrequencyResponse, cross: FrequencyResponse) -> Parameter:
     return Parameter(mean, sigma, "1")
 
 
-def _records(source: LogSignals, commanded: Axis, answering: Axis, within: Within | None) -> list[AxisRecord]:
+def _records(source: LogSignals, commanded: Axis, answering: Axis) -> list[AxisRecord]:
     """Cut records with the command looked at as first input and that of the answering axis as second."""
     signals, log = source.of(answering), source.log
     if any(name not in signals.columns for name in (commanded.input, answering.input, answering.output)):
         return []
     names = {commanded.name, answering.name}
-    pair = [chirp for chirp in find_chirps(log, within) if chirp.worthwhile and chirp.axis in names]
+    pair = [chirp for chirp in find_chirps(log, source.within) if chirp.worthwhile and chirp.axis in names]
     try:
         if pair:
             both_flown = {chirp.axis for chirp in pair} == names
             return [chirp_record(log, signals, answering, chirp, [commanded]) for chirp in pair] if both_flown else []
-        first, second = (flight_record(log, signals, axis, within) for axis in (commanded, answering))
+        first, second = (flight_record(source, signals, axis) for axis in (commanded, answering))
     except FrequencyError:
         return []
     if first.start != second.start or len(first.output) != len(second.output):
@@ -198,17 +198,17 @@ def _records(source: LogSignals, commanded: Axis, answering: Axis, within: Withi
     return [replace(second, inputs=inputs, instruments=instruments)]
 
 
-def _axis(logs: Sequence[LogSignals], axis: str, within: Within | None) -> AxisSurvey:
+def _axis(logs: Sequence[LogSignals], axis: str) -> AxisSurvey:
     model: FrequencyFit | None = None
     check: Verification | None = None
     check_reason = ""
     turns = bool(axis_of(axis).attitude)
-    frf, reason = _tried(lambda: response(logs, axis, within))
+    frf, reason = _tried(lambda: response(logs, axis))
     if frf is not None:
         model, reason = _tried(partial(fit, frf))
     if model is not None and model.parameters["gain"].value is not None:
-        check, check_reason = _tried(partial(hold_out, model, logs, within))
-    attitude, attitude_reason = _tried(lambda: attitude_response(logs, axis, within=within)) if turns else (None, "")
+        check, check_reason = _tried(partial(hold_out, model, logs))
+    attitude, attitude_reason = _tried(lambda: attitude_response(logs, axis)) if turns else (None, "")
     return AxisSurvey(
         axis=axis,
         response=frf,

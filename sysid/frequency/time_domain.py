@@ -10,12 +10,12 @@ from scipy.linalg import solve_toeplitz
 
 from sysid.frequency.axes import AXES, FrequencyError
 from sysid.frequency.estimate import ordinary_record, response
-from sysid.frequency.excitation import Within, find_chirps, outside_chirps
+from sysid.frequency.excitation import Within, outside_chirps
 from sysid.frequency.fit import refit
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.flight_records import SHORTEST_FLIGHT
 from sysid.frequency.limits import FOLDING
-from sysid.frequency.rate_signals import GivenSignals, LogSignals, records_of_each
+from sysid.frequency.rate_signals import GivenSignals, LogSignals, records_of_each, sources_of
 from sysid.frequency.records import AxisRecord
 from sysid.frequency.response import Floats
 from sysid.records.filtering import above
@@ -90,16 +90,16 @@ def verify(model: FrequencyFit, data: GivenSignals, within: Within | None = None
     axis = AXES[model.axes[0]]
 
     def cut(source: LogSignals) -> AxisRecord:
-        record = ordinary_record(source, axis, within)
+        record = ordinary_record(source, axis)
         # Most often the fit was made from chirps.
         t: Floats = record.start + record.dt * np.arange(len(record.output), dtype=np.float64)
         ordinary = outside_chirps(source.log, t)
         return replace(record, usable=record.usable & ordinary)
 
-    return verify_records(model, records_of_each(data, within, cut))
+    return verify_records(model, records_of_each(sources_of(data, within), cut))
 
 
-def hold_out(model: FrequencyFit, logs: Sequence[LogSignals], within: Within | None = None) -> Verification:
+def hold_out(model: FrequencyFit, logs: Sequence[LogSignals]) -> Verification:
     """Judge a fit of one axis on flying that it was not made from, or one of the same kind where it was made from all.
 
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
@@ -111,14 +111,14 @@ def hold_out(model: FrequencyFit, logs: Sequence[LogSignals], within: Within | N
             f"rows at {1.0 / model.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
             "predicted; log it at 25 Hz or more"
         )
-    if any(chirp.axis == axis.name for signals in logs for chirp in find_chirps(signals.log, within)):
-        return verify(model, logs, within)
+    if any(signals.chirps(axis.name) for signals in logs):
+        return verify(model, logs)
     if len(logs) > 1:
-        return verify(refit(model, response(logs[:-1], axis.name, within, like=model)), logs[-1], within)
-    record = ordinary_record(logs[0], axis, within)
+        return verify(refit(model, response(logs[:-1], axis.name, like=model)), logs[-1])
+    record = ordinary_record(logs[0], axis)
     cut = record.start + 0.6 * record.duration
-    first = refit(model, response(logs[0], axis.name, (record.start, cut), like=model))
-    return verify(first, logs[0], (cut, record.start + record.duration))
+    first = refit(model, response(logs[0].part(record.start, cut), axis.name, like=model))
+    return verify(first, logs[0].part(cut, record.start + record.duration))
 
 
 def verify_records(model: FrequencyFit, records: Sequence[AxisRecord]) -> Verification:

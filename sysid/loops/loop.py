@@ -214,12 +214,12 @@ def rate_loop(log: GivenSignals, axis: str, within: Within | None = None) -> Rat
     FrequencyError
         Where the signals are missing or too short.
     """
-    flights = sources_of(log)
+    flights = sources_of(log, within)
     if not flights:
         raise LoopError("no log was given")
     flights = [flight for flight in flights if mixer_chirps(flight.log, axis)] or flights
     settings = shared_settings([flight.log for flight in flights], axis)
-    records = tuple(record for flight in flights for record in _records(flight, axis, within))
+    records = tuple(record for flight in flights for record in _records(flight, axis))
     return loop_of_records(", ".join(flight.log.path.name for flight in flights), records, settings)
 
 
@@ -322,10 +322,10 @@ def _useful(loop: RateLoop, top: float) -> None:
         )
 
 
-def _records(flight: LogSignals, axis: str, within: Within | None) -> tuple[LoopRecord, ...]:
-    """Cut a log's chirps at the mixer on one axis, or those within a stretch of time [s] of it, in order."""
+def _records(flight: LogSignals, axis: str) -> tuple[LoopRecord, ...]:
+    """Cut the chirps at the mixer on one axis, in order."""
     which, log, signals = axis_of(axis), flight.log, flight.rates
-    chirps = mixer_chirps(log, axis, within)
+    chirps = mixer_chirps(log, axis, flight.within)
     if not chirps:
         raise LoopError(
             f"{log.path.name} has no chirp at the mixer on the {axis} axis; fly mode SYSTEMID with SID_AXIS "

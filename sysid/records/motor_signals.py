@@ -55,13 +55,13 @@ def motor_signals(record: Experiment, law: Law, vehicle: Vehicle, voltage: float
     signals = thrust_signals(record, law, vehicle, voltage, expo)
     rates = np.column_stack([column(record, f"w_{axis}") for axis in "xyz"])
     if law is Law.SPEED:
-        return MotorSignals(signals, rates, _fast(record, signals), "ESC speeds")
+        return MotorSignals(signals, rates, logged_rate(signals, record.dt) >= ENOUGH, "ESC speeds")
     outputs = np.column_stack([column(record, f"out_{name}") for name in ("thrust", "roll", "pitch", "yaw")])
     controller = np.column_stack([column(record, f"rate_{axis}") for axis in "xyz"])
     known = {f"m{motor.number}": motor for motor in vehicle.motors}
     logged = np.isfinite(outputs[:, 1:]).all() and np.isfinite(controller).all()
     if not (logged and set(record.input_names) <= set(known)):
-        return MotorSignals(signals, rates, _fast(record, record.u), MOTOR_OUTPUTS)
+        return MotorSignals(signals, rates, logged_rate(record.u, record.dt) >= ENOUGH, MOTOR_OUTPUTS)
     motors = [known[name] for name in record.input_names]
     factors = np.array([[1.0, motor.roll, motor.pitch, motor.yaw] for motor in motors])
     size = max(min(round(SCALE_SECONDS / record.dt), len(record.t)), 1)
@@ -88,18 +88,6 @@ def unexplained(part: float, what: str) -> str:
     if part >= EXPLAINED:
         return ""
     return f"motors explain only {100.0 * max(part, 0.0):.0f} % of the {what}: wind or slow logs do the rest"
-
-
-def _fast(record: Experiment, values: Floats) -> bool:
-    """Return whether values change at the record's own rate, and that rate is enough."""
-    if record.rate < ENOUGH:
-        return False
-    moving = values[:, np.ptp(values, axis=0) > 0.0]
-    if moving.size == 0:
-        return False
-    bend = np.abs(np.diff(moving, n=2, axis=0))
-    straight = float(np.mean(bend < 1e-6 * np.ptp(moving, axis=0)))
-    return straight < 0.3
 
 
 def _moving_mean(values: Floats, size: int) -> Floats:
