@@ -196,7 +196,7 @@ def fitted_response(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedR
     return replace(
         response,
         model=_gain_and_phase(fit.response(frf.hz)),
-        structure=fit.structure[0].name,
+        structure=fit.structure.name,
         parameters=dict(fit.parameters),
         insensitivity={name: float(value) for name, value in zip(fit.names, fit.insensitivity, strict=True)},
         cost=fit.cost,

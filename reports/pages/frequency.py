@@ -54,8 +54,7 @@ def frequency_page(survey: FrequencySurvey) -> str:
 
 def _modelled(fit: FrequencyFit) -> FrequencyResponse:
     """Return a fit's model in the place of what was measured."""
-    measured = fit.responses[0]
-    return replace(measured, response=fit.response(measured.hz))
+    return replace(fit.measured, response=fit.response(fit.measured.hz))
 
 
 def sentences(axis: AxisSurvey) -> list[str]:

@@ -249,8 +249,8 @@ def ordinary_loop(name: str, frf: FrequencyResponse, model: FrequencyFit, settin
         Of the log or logs.
     frf : FrequencyResponse
         From controller output to rate, through the gyro's filters.
-    found : FrequencyFit
-        To it, of one axis.
+    model : FrequencyFit
+        To it.
     settings : LoopSettings
         As flown.
 
