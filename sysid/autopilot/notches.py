@@ -21,7 +21,6 @@ from sysid.loops.controller import AXES, GyroPath, RateController
 from sysid.loops.evidence import LOWEST
 from sysid.loops.filters import DigitalFilter, cascade
 from sysid.loops.loop import RateLoop
-from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.safety import Aim
 from sysid.loops.settings import NOTCHES, Follows, notch_at, notch_frequency, read_settings
@@ -282,7 +281,7 @@ def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
 
 def _margins_with(study: NotchStudy, loop: RateLoop) -> dict[str, float]:
     """Return the margins of a loop behind the notch that is proposed."""
-    return margins_of(loop.hz, _behind(loop, _proposed_path(study, loop.flown.gyro.low_pass)).response).row(0)
+    return _behind(loop, _proposed_path(study, loop.flown.gyro.low_pass)).best_margins
 
 
 def _proposed_path(study: NotchStudy, low_pass: float = 0.0) -> GyroPath:

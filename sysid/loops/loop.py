@@ -114,6 +114,11 @@ class RateLoop(Summarised):
         """Compute margins with errors from the identified response, as the next flight with these settings has them."""
         return summarise(self.hz, self.response, self.draws)
 
+    @property
+    def best_margins(self) -> dict[str, float]:
+        """Return the margins of the best estimate alone by name; NaN where the band does not show one."""
+        return margins_of(self.hz, self.response).row(0)
+
     @cached_property
     def own_margins(self) -> Margins:
         """Compute the margins of the flight itself: without what the next one may differ by."""

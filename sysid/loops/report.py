@@ -10,6 +10,7 @@ import numpy as np
 
 from core.serialization import cleaned
 from sysid.loops.criteria import Criterion
+from sysid.loops.filters import cascade
 from sysid.loops.known_margins import Margins
 from sysid.loops.loop import RateLoop
 from sysid.loops.safety import Aim
@@ -125,9 +126,7 @@ def _loop(loop: RateLoop) -> FlownLoop:
     # A page gets 180 frequencies and 40 draws of the response.
     rows = np.unique(np.linspace(0, len(loop.hz) - 1, 180).round().astype(int))
     draws = loop.plant.draws[1:41, rows] / loop.plant.response[rows]
-    notches = np.ones(len(rows), np.complex128)
-    for one in loop.flown.gyro.notches:
-        notches *= one.response(loop.hz[rows])
+    notches = cascade(loop.flown.gyro.notches, loop.hz[rows])
     plant = loop.plant.response[rows] / loop.flown.gyro.response(loop.hz[rows]) * notches
     controller = loop.settings.controller
     return FlownLoop(

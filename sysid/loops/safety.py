@@ -6,12 +6,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from logparse import FlightLog
 from sysid.loops.filters import Floats
 from sysid.loops.loop import RateLoop
-from sysid.loops.margins import MarginSet, margins_of
+from sysid.loops.margins import margins_of
 from sysid.loops.unseen import may_raise, raised_unseen
 
 #: Part of the draws beyond the bound of each margin: so few that gain margin, phase margin, peak and rejection hold
@@ -56,13 +55,15 @@ class Aim:
             peak_db=min(self.peak_db, flown["peak_db"]),
         )
 
-    def missed_by(self, bounds: Mapping[str, float]) -> float:
-        """Return by which part bounds miss the aim where they miss it most; negative where they keep it."""
-        return max(
-            1.0 - bounds["gain_db"] / self.gain_db,
-            1.0 - bounds["phase_deg"] / self.phase_deg,
-            bounds["peak_db"] / self.peak_db - 1.0,
-        )
+    def missed_by(self, margins: Mapping[str, float]) -> float:
+        """Return by which part margins miss the aim where they miss it most; negative where they keep it."""
+        return float(self.all_missed_by(margins))
+
+    def all_missed_by(self, margins: Mapping[str, float | Floats]) -> Floats:
+        """Return the same of K loops, shape (K,); a gain margin that the band does not show is kept."""
+        gain = np.where(np.isnan(margins["gain_db"]), np.inf, margins["gain_db"])
+        phase, peak = 1.0 - margins["phase_deg"] / self.phase_deg, margins["peak_db"] / self.peak_db - 1.0
+        return np.asarray(np.maximum(np.maximum(1.0 - gain / self.gain_db, phase), peak))
 
     def lacking(self, margins: Mapping[str, float]) -> list[str]:
         """Return in words the margins that are less than the aim."""
@@ -123,14 +124,6 @@ def _least(drawn: Floats) -> float:
     return float(min(np.quantile(drawn, TAIL), np.mean(drawn) - DEVIATIONS * np.std(drawn)))
 
 
-def keeps(margins: MarginSet, aim: Aim) -> NDArray[np.bool_]:
-    """Return which loops keep an aim, shape (K,); a gain margin that the band does not show is kept."""
-    gain = np.where(np.isfinite(margins.gain_db), margins.gain_db, np.inf)
-    return np.asarray(
-        (gain >= aim.gain_db) & (margins.phase_deg >= aim.phase_deg) & (margins.peak_db <= aim.peak_db), np.bool_
-    )
-
-
 class ActuatorNoise:
     """The noise of the gyro at the actuators: by which factor settings raise it over those flown.
 
@@ -162,9 +155,8 @@ class ActuatorNoise:
 def others_keep(staying: Iterable[RateLoop], factor: float) -> bool:
     """Return whether axes whose gains stay keep their margins with another gyro filter."""
     for loop in staying:
-        flown = margins_of(loop.hz, loop.response).row(0)
         other = loop.with_gains(gyro_filter=other_gyro_filter(loop, factor))
-        new = margins_of(loop.hz, other.response).row(0)
+        flown, new = loop.best_margins, other.best_margins
         if not new["stable"] or new["phase_deg"] < flown["phase_deg"] - _BYSTANDER_PHASE:
             return False
         if new["gain_db"] < flown["gain_db"] - _BYSTANDER_GAIN:

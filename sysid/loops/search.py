@@ -17,7 +17,7 @@ from sysid.loops.loop import RateLoop
 from sysid.loops.margins import MarginSet, margins_of
 from sysid.loops.parameter_file import typed
 from sysid.loops.plant import FIRST_MODES
-from sysid.loops.safety import LEAST, ActuatorNoise, Aim, keeps, other_gyro_filter, worst_case
+from sysid.loops.safety import LEAST, ActuatorNoise, Aim, other_gyro_filter, worst_case
 from sysid.loops.unseen import AMPLIFIED, amplified_at_end, may_raise, promised, raised_unseen, saw_modes
 
 #: Largest factors by which P and D are changed, and by which ordinary flights may raise them; what typing them may add,
@@ -147,14 +147,8 @@ def tune_axis(loop: RateLoop, aim: Aim, gyro_factor: float = 1.0, i_term: float 
 
 def lacks(loop: RateLoop, aim: Aim) -> bool:
     """Return whether the flown gains miss an aim, by the best estimate and by more than a trifle."""
-    flown = flown_margins(loop)
-    gain = flown["gain_db"] if np.isfinite(flown["gain_db"]) else np.inf
-    return not flown["stable"] or aim.missed_by(flown | {"gain_db": gain}) > _TRIFLE
-
-
-def flown_margins(loop: RateLoop) -> dict[str, float]:
-    """Return the margins of a loop as flown, by the best estimate."""
-    return margins_of(loop.hz, loop.with_settings(loop.flown).response).row(0)
+    flown = loop.best_margins
+    return not flown["stable"] or aim.missed_by(flown) > _TRIFLE
 
 
 def _searched(loop: RateLoop, aim: Aim, gyro_factor: float, part: float | None) -> AxisTuning:
@@ -199,15 +193,11 @@ def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTunin
     """
     flown, actuators = worst_case(loop), ActuatorNoise(loop)
     best, least = refused, LEAST if flown is None else LEAST.at_least(flown)
-    nominal, sound = candidates.nominal, np.flatnonzero(_sound(candidates, aim, may_raise(loop)[0]))
-    gain = np.where(np.isfinite(nominal.gain_db), nominal.gain_db, np.inf)
-    missed = {
-        int(k): aim.missed_by({"gain_db": gain[k], "phase_deg": nominal.phase_deg[k], "peak_db": nominal.peak_db[k]})
-        for k in sound
-    }
+    missed = aim.all_missed_by(candidates.nominal._asdict())
+    sound = np.flatnonzero(_sound(candidates, aim, may_raise(loop)[0]))
     # By how much a worst case falls short of its best estimate at the least: those with less in hand need no look.
     spare = np.inf
-    for k in sorted(missed, key=missed.__getitem__):
+    for k in sorted(sound.tolist(), key=missed.__getitem__):
         if best.tuned is not None and missed[k] + spare >= aim.missed_by(best.worst):
             break
         tuned = loop.with_settings(candidates.bare.changed(**candidates.values[k]))
@@ -323,7 +313,7 @@ def _best(loop: RateLoop, aim: Aim, field: _Field, raised: float) -> AxisTuning:
             short = abs(bounds[name] - float(getattr(nominal, name)[k]))
             if np.isfinite(short):
                 spare[name] = max(spare[name], 0.8 * short)
-        enough = keeps(nominal, aim.keeping(spare))
+        enough = aim.keeping(spare).all_missed_by(nominal._asdict()) <= 0.0
     return AxisTuning(
         loop.axis,
         f"{loop.axis}: no gains within reach keep {aim.words} for everything that the data leave possible; "
@@ -340,7 +330,7 @@ def _sound(field: _Field, aim: Aim, raised: float) -> NDArray[np.bool_]:
         & (field.noise <= 1.01 * aim.noise)
         & field.ends_well
         & nominal.stable
-        & keeps(nominal, aim)
+        & (aim.all_missed_by(nominal._asdict()) <= 0.0)
         & np.isfinite(nominal.rejection_hz),
         np.bool_,
     )
@@ -366,7 +356,7 @@ def _tuning(
 
 def _thinner(loop: RateLoop) -> str:
     """Return what to do about flown gains with which no chirp should be flown; empty of those that keep some margin."""
-    flown = flown_margins(loop)["gain_db"]
+    flown = loop.best_margins["gain_db"]
     if not flown < LEAST.gain_db:
         return ""
     return f"the flown gains leave {max(flown, 0.0):.1f} dB: lower P, I and D of this axis by a quarter, and fly again"

@@ -38,7 +38,6 @@ from sysid.loops.evidence import (
     weak_band,
 )
 from sysid.loops.loop import RateLoop, loop_of_flights, rate_loop
-from sysid.loops.margins import margins_of
 from sysid.loops.parameter_file import parameter_file
 from sysid.loops.plant import FIRST_MODES
 from sysid.loops.safety import AIMS, Aim, is_calm, others_keep
@@ -48,7 +47,6 @@ from sysid.loops.search import (
     LARGEST_OF_STICKS,
     SAME_SCORE,
     AxisTuning,
-    flown_margins,
     integral_part,
     tune_axis,
     without_integral,
@@ -408,7 +406,7 @@ def rejects_less(item: AxisTuning, aim: Aim) -> str | None:
     """Return the remark on a proposal that gives up rejection for margins that the flown gains lack."""
     if item.tuned is None or item.loop is None or item.wider:
         return None
-    flown, tuned = flown_margins(item.loop), margins_of(item.tuned.hz, item.tuned.response).row(0)
+    flown, tuned = item.loop.best_margins, item.tuned.best_margins
     short = aim.lacking(flown)
     why = f"leave {listed(short)}" if flown["stable"] and short else "are unstable"
     return (
