@@ -303,8 +303,6 @@ def _of_neighbours(coherence: Floats) -> Floats:
     By chance a single one passes a limit that the others do not, and it is the one whose response errs most: without
     this the yaw of a PX4 flight with a jammed receiver had a gain of 31 ± 9 rad/s^2, of three chance frequencies.
     """
-    if len(coherence) < 2 * _BESIDE + 1:
-        return coherence
     around = np.lib.stride_tricks.sliding_window_view(np.pad(coherence, _BESIDE, "edge"), 2 * _BESIDE + 1)
     return np.asarray(np.median(around, axis=1))
 

@@ -135,8 +135,6 @@ def _find_chirps(log: FlightLog, within: Within | None) -> tuple[Chirp, ...]:
     planned = table["planned"].to_numpy(np.float64)
     chirps = []
     for first, last in pairwise(edges):
-        if last - first < 8:
-            continue
         number = int(axis[first])
         name, at_mixer = SID_AXES.get(number, ("", False))
         moving = np.abs(target[first:last]) > 0.0

@@ -91,10 +91,6 @@ class ChirpDesign:
     rate_deg: float
     mixer: float
 
-    def error_of(self, name: str) -> Expected | None:
-        """Return the predicted error of one parameter; None where it is not predicted."""
-        return next((error for error in self.errors if error.name == name), None)
-
 
 def chirp_window(hz: Floats, low: float, high: float, seconds: float, fade_in: float) -> Floats:
     """Return which part of its magnitude a chirp of SYSTEMID has when it passes a frequency; 0 outside its band.
