@@ -27,7 +27,6 @@ from simulation._kernels import FLYING, LANDING
 from simulation.atmosphere import GRAVITY
 from simulation.instruments import RATE_FILTERS, InstrumentedFlight, Instruments, attitude_angles
 from simulation.mission import CHIRP_AXES
-from simulation.sensors import SpeedControllers
 
 _DATAFLASH = """
 MSG texts QZ s- F- Message=text
@@ -335,11 +334,16 @@ def _battery(log: Instruments) -> pd.DataFrame:
 
 
 def _speed_controllers(log: Instruments, rate: float) -> pd.DataFrame:
-    """Return a row for each motor at `rate` [Hz]."""
+    """Return a row for each motor at `rate` [Hz]: ESCs report their speeds in steps of 6 turns per minute.
+
+    The drives' current is shared among the motors as the cube of their speeds, as their power is.
+    """
     rotors = len(log.vehicle.rotors)
-    samples = SpeedControllers(rate=rate).sample(log.truth, rotors)
-    rpm = samples[[f"rpm{k}" for k in range(1, rotors + 1)]].to_numpy()
-    current = samples[[f"current{k}" for k in range(1, rotors + 1)]].to_numpy()
+    samples = log.truth.iloc[:: round(1.0 / rate / (log.truth.index[1] - log.truth.index[0]))]
+    speeds = samples[[f"w{k}" for k in range(1, rotors + 1)]].to_numpy()
+    cubes = speeds * speeds * speeds + 1e-9
+    current = samples[["current"]].to_numpy() * cubes / cubes.sum(axis=1, keepdims=True)
+    rpm = np.round(speeds * 60.0 / (2.0 * math.pi) / 6.0) * 6.0
     celsius = log.place.atmosphere.temperature_at(0.0) - 273.15 + 20.0
     return _frame(
         np.repeat(samples.index, rotors),

@@ -195,28 +195,6 @@ class Sensors:
     navigation: Navigation = Navigation()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpeedControllers:
-    """ESCs that report over telemetry how fast their motors turn."""
-
-    rate: float = 10.0  #: Rows of each motor per second.
-    resolution: float = 6.0  #: Step of the reported speed, turns per minute.
-
-    def sample(self, truth: pd.DataFrame, rotors: int) -> pd.DataFrame:
-        """Sample a flight: index `t` [s]; rpm1 ... rpmN as reported, current1 ... currentN [A].
-
-        The drives' current is shared among the motors as the cube of their speeds, as their power is.
-        """
-        step = round(1.0 / self.rate / (truth.index[1] - truth.index[0]))
-        rows = truth.iloc[::step]
-        speeds = rows[[f"w{k}" for k in range(1, rotors + 1)]].to_numpy()
-        cubes = speeds * speeds * speeds + 1e-9
-        currents = rows[["current"]].to_numpy() * cubes / cubes.sum(axis=1, keepdims=True)
-        rpm = np.round(speeds * 60.0 / (2.0 * math.pi) / self.resolution) * self.resolution
-        names = [*(f"rpm{k}" for k in range(1, rotors + 1)), *(f"current{k}" for k in range(1, rotors + 1))]
-        return pd.DataFrame(np.hstack((rpm, currents)), index=rows.index, columns=names)
-
-
 def _gauss_markov(n: int, columns: int, correlation: float, random: np.random.RandomState) -> np.ndarray:
     """First-order Gauss-Markov noise of unit variance; `correlation` in samples; shape (n, columns)."""
     keep = math.exp(-1.0 / correlation)
