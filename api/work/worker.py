@@ -268,7 +268,7 @@ def _join(task: Task, progress: TaskProgress) -> None:
             place = joint / dataset.part(dataset.EXPERIMENTS, kind, "craft", folder)
             place.parent.mkdir(parents=True)
             dataset.write_experiment(record, place)
-    asked = Run(config=config, store=scratch, publish=_publish, executor=None, redo=True)
+    asked = Run(config=config, store=scratch, publish=_publish, redo=True)
     crafts = fleet_crafts.identify_crafts(flights, asked, progress)
     if not crafts.entries:
         raise LogError(

@@ -4,6 +4,7 @@ Pebble's pool knows which call a process died of, so that only this call is trie
 end; here it has the interface of `concurrent.futures`, as the workers of a cluster have.
 """
 
+import logging
 import multiprocessing
 import os
 import pickle
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     import pebble
 else:
     pebble = lazy("pebble")  # a log that is analysed alone needs no pool
+
+_LOG = logging.getLogger("rotorid.pipeline")
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -86,6 +89,21 @@ def as_done(executor: Executor, function: Callable[[T], R], tasks: Iterable[T]) 
         future = _submit(executor, function, task)
         wait([future])
         yield task, future
+
+
+def outcomes(
+    executor: Executor | None, function: Callable[[T], R], tasks: Iterable[T]
+) -> Iterator[tuple[T, "R | WorkerDiedError"]]:
+    """Yield each task with its result as it ends, or with why its worker has none; without an executor one by one."""
+    if executor is None:
+        yield from ((task, function(task)) for task in tasks)
+        return
+    for task, future in as_done(executor, function, tasks):
+        error = future.exception()
+        if error is not None and not isinstance(error, WorkerDiedError):  # it died, or its result could not come back
+            _LOG.error("a worker failed", exc_info=error)
+            error = WorkerDiedError(f"the worker process failed: {type(error).__name__}: {error}")
+        yield task, future.result() if error is None else error
 
 
 def busy(executor: Executor) -> int:

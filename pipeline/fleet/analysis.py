@@ -7,7 +7,6 @@ are imported when there is something to do.
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
@@ -19,7 +18,7 @@ from typing import TYPE_CHECKING
 from core.lazy import lazy
 from core.summary import listed
 from pipeline.config import AnalysisConfig, ConfigError
-from pipeline.execution.executors import Processes, WorkerDiedError, as_done
+from pipeline.execution.executors import Processes, WorkerDiedError, outcomes
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.result import ANOTHER_RECORDING, FleetResult, IdentifiedCrafts, Run
@@ -30,7 +29,6 @@ from pipeline.storage.manifest import (
     FileRecord,
     Manifest,
     is_current,
-    of_one_flight,
     read_manifest,
     software,
     stored_flights,
@@ -45,8 +43,6 @@ if TYPE_CHECKING:
 else:
     # They bring the numerical packages, which an unchanged folder must not wait for.
     fleet_crafts, fleet_job = lazy("pipeline.fleet.crafts"), lazy("pipeline.fleet.job")
-
-_LOG = logging.getLogger("rotorid.pipeline")
 
 #: What became of a log: its flights; None for a file that is none.
 Outcome = tuple[FlightEntry, ...] | LogFailure | None
@@ -93,7 +89,7 @@ def analyze_fleet(
     """
     config, progress = config or AnalysisConfig(), progress or silent
     store = TemporaryStore() if store is None else store if isinstance(store, Store) else open_store(store)
-    run = Run(config=config, store=store, publish=publish, executor=executor, redo=redo)
+    run = Run(config=config, store=store, publish=publish, redo=redo)
     files = paths if isinstance(paths, FoundFiles) else find(paths, exclude=store.folder)
     check_choices(files, config)
     store.prepare()
@@ -107,7 +103,7 @@ def analyze_fleet(
         began = perf_counter()
         # Flights of one file are seldom so many that fitting them together takes long.
         analysing = part_of(progress, 0.0, own := 0.9 if len(files.sources) == 1 else 0.8)
-        new = _analyzed(records, known, files, run, analysing, announce)
+        new = _analyzed(records, known, files, run, executor, analysing, announce)
         analyzed = perf_counter()
         records = _settled(records, {**known, **new})
         removed = tuple(_removed(former, records))
@@ -116,7 +112,7 @@ def analyze_fleet(
         bring_back(store, [record for record in former.removed if record.folder in folders])
         flights = _flights(records, {**known, **new})
         together = part_of(progress, own, 0.99)
-        crafts = _crafts(flights, former, run, together)
+        crafts = _crafts(flights, former, run, together, executor)
         manifest = Manifest(
             software=software(),
             configuration=config,
@@ -190,6 +186,7 @@ def _analyzed(
     known: Mapping[str, Outcome],
     files: FoundFiles,
     run: Run,
+    executor: Executor | None,
     progress: Progress,
     announce: Callable[[FlightEntry], None] | None,
 ) -> dict[str, Outcome]:
@@ -198,21 +195,8 @@ def _analyzed(
     if not new:
         return {}
     sources = {source.url: source for source in files.sources}
-    jobs = [
-        fleet_job.Job(
-            source=sources[record.url],
-            name=record.name,
-            folder=record.folder,
-            key=record.key,
-            config=of_one_flight(run.config),
-            store=run.store.url,
-            publish=run.publish,
-            pages=run.pages,
-            redo=run.redo,
-        )
-        for record in new
-    ]
-    outcomes: dict[str, Outcome] = {}
+    jobs = [fleet_job.Job(run, sources[record.url], record) for record in new]
+    done: dict[str, Outcome] = {}
     full = ""
 
     def wanted() -> Iterator[Job]:
@@ -224,9 +208,9 @@ def _analyzed(
                 watch.begin(job.source.url)
             yield job
 
-    watch = Watch(progress, {job.source.url: job.source.size for job in jobs}, len(known), run.executor)
-    for job, outcome in _done(wanted(), run.executor, watch):
-        outcomes[job.source.url] = outcome
+    watch = Watch(progress, {job.source.url: job.source.size for job in jobs}, len(known), executor)
+    for job, outcome in _done(wanted(), executor, watch):
+        done[job.source.url] = outcome
         watch.end(job.source.url)
         if announce is not None and isinstance(outcome, tuple):
             for entry in outcome:
@@ -234,26 +218,17 @@ def _analyzed(
         if isinstance(outcome, LogFailure) and outcome.full:
             full = f"was not begun: of {job.source.file} {outcome.reason}"
     for job in jobs:
-        outcomes.setdefault(job.source.url, LogFailure(job.source.url, full))
-    return outcomes
+        done.setdefault(job.source.url, LogFailure(job.source.url, full))
+    return done
 
 
 def _done(jobs: Iterator[Job], executor: Executor | None, watch: Watch) -> Iterator[tuple[Job, Outcome]]:
     """Yield each job with its outcome as it ends."""
-    if executor is None:
-        for job in jobs:
-            yield job, fleet_job.run(job, watch.within(job.source.url))
-        return
     if isinstance(executor, Processes):
         executor.submit(fleet_job.prepare).exception()
-    for job, future in as_done(executor, fleet_job.run, jobs):
-        try:
-            yield job, future.result()
-        except WorkerDiedError as error:
-            yield job, LogFailure(job.source.url, str(error))
-        except Exception as error:  # the worker died, or its result could not come back
-            _LOG.exception("analysing %s failed", job.source.url)
-            yield job, LogFailure(job.source.url, f"the worker process failed: {type(error).__name__}: {error}")
+    here = (lambda job: fleet_job.run(job, watch.within(job.source.url))) if executor is None else fleet_job.run
+    for job, outcome in outcomes(executor, here, jobs):
+        yield job, LogFailure(job.source.url, str(outcome)) if isinstance(outcome, WorkerDiedError) else outcome
 
 
 def _settled(records: Sequence[FileRecord], outcomes: Mapping[str, Outcome]) -> list[FileRecord]:
@@ -280,7 +255,9 @@ def _flights(records: Sequence[FileRecord], outcomes: Mapping[str, Outcome]) -> 
     return tuple(entry for outcome in ordered if isinstance(outcome, tuple) for entry in outcome)
 
 
-def _crafts(flights: Sequence[FlightEntry], former: Manifest, run: Run, progress: Progress) -> IdentifiedCrafts:
+def _crafts(
+    flights: Sequence[FlightEntry], former: Manifest, run: Run, progress: Progress, executor: Executor | None
+) -> IdentifiedCrafts:
     """Identify every craft of several flights jointly, unless that was done with these flights."""
     before = tuple(replace(craft, pages=run.pages) for craft in former.crafts)
     unchanged = (
@@ -290,7 +267,7 @@ def _crafts(flights: Sequence[FlightEntry], former: Manifest, run: Run, progress
     )
     if unchanged and not run.redo and all(is_current(run.store, craft) for craft in before):
         return IdentifiedCrafts(entries=before, left_out=former.left_out)
-    return fleet_crafts.identify_crafts(flights, run, progress)
+    return fleet_crafts.identify_crafts(flights, run, progress, executor)
 
 
 def _in_state(records: Sequence[FileRecord], *states: str) -> tuple[LogFailure, ...]:

@@ -6,18 +6,19 @@ plots, come back to whoever asked.
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from importlib.metadata import version
+from typing import TypeVar
 
 import sysid
 from core.findings import gathered
 from core.serialization import cleaned
 from logparse import Finding, Vehicle
 from pipeline.config import AnalysisConfig
-from pipeline.execution.executors import as_done
+from pipeline.execution.executors import WorkerDiedError, outcomes
 from pipeline.execution.stages import Overall, Progress, Stages, silent
 from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
@@ -39,10 +40,12 @@ from pipeline.storage.manifest import CRAFTS, craft_key, drawn_anew, is_current,
 from pipeline.storage.store import open_store
 from sysid.autopilot.values import over_flights
 
-_LOG = logging.getLogger("rotorid.pipeline")
+R = TypeVar("R")
 
 
-def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress) -> IdentifiedCrafts:
+def identify_crafts(
+    flights: Sequence[FlightEntry], run: Run, progress: Progress, executor: Executor | None = None
+) -> IdentifiedCrafts:
     """Identify every craft that has several flights from some of them, and judge its models on the others."""
     config, store = run.config, run.store
     crafts = by_craft(flights)
@@ -84,7 +87,7 @@ def identify_crafts(flights: Sequence[FlightEntry], run: Run, progress: Progress
             progress(f"{what}: {stage}", (number + fraction) / len(builds))
 
         progressing = Overall(report)
-        result = identify_craft(entry.name, craft, split, store.url, config, progressing, run.executor, findings)
+        result = identify_craft(entry.name, craft, split, store.url, config, progressing, executor, findings)
         try:
             with store.scratch() as scratch:
                 product = scratch / "product"
@@ -252,25 +255,19 @@ def _identify_all(
         for kind in KINDS
         if kind not in fitted
     }
-    if executor is None:
-        for kind in fitted:
-            models[kind.key], own = joint.identify(kind, stages.progress)
-            stages.take(own)
-        return models
-    for kind, job in as_done(executor, joint.identify, fitted):
-        try:
-            models[kind.key], own = job.result()
-        except Exception as error:  # the worker died, or its result could not come back
-            _LOG.exception("fitting %s jointly failed", kind.key)
-            models[kind.key] = without_model(kind, _dead(kind.key, error))
+    for kind, outcome in outcomes(executor, _here(joint.identify, executor, stages), fitted):
+        if isinstance(outcome, WorkerDiedError):
+            models[kind.key] = without_model(kind, Failure(kind.key, str(outcome)))
         else:
+            models[kind.key], own = outcome
             stages.take(own)
         stages.progress(kind.key, 1.0)
     return models
 
 
-def _dead(stage: str, error: Exception) -> Failure:
-    return Failure(stage, f"the worker process failed: {type(error).__name__}: {error}")
+def _here(work: Callable[..., R], executor: Executor | None, stages: Stages) -> Callable[..., R]:
+    """Return work that tells of its progress where it is done in this process."""
+    return work if executor is not None else partial(work, progress=stages.progress)
 
 
 def _no_records(kind: ModelKind, training: Sequence[FlightEntry]) -> str:
@@ -297,15 +294,10 @@ def _physical(
     """Find thrust and physical parameters, beside this process where there is an executor."""
     # Free runs are many megabytes that this does not need.
     light = replace(body, predictions=())
-    if executor is None:
-        thrust, parameters, own = joint.physical(light, stages.progress)
-    else:
-        ((_, job),) = as_done(executor, joint.physical, [light])
-        try:
-            thrust, parameters, own = job.result()
-        except Exception as error:  # the worker died, or its result could not come back
-            _LOG.exception("finding physical parameters jointly failed")
-            return _dead("thrust", error), _dead("parameters", error)
+    ((_, outcome),) = outcomes(executor, _here(joint.physical, executor, stages), [light])
+    if isinstance(outcome, WorkerDiedError):
+        return Failure("thrust", str(outcome)), Failure("parameters", str(outcome))
+    thrust, parameters, own = outcome
     stages.take(own)
     return thrust, parameters
 

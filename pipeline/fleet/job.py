@@ -10,17 +10,25 @@ from typing import TYPE_CHECKING
 
 from core.lazy import lazy
 from logparse import LogError, RotoridError
-from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
+from pipeline.fleet.result import Run
 from pipeline.flight.analysis import analyze_flights
 from pipeline.flight.summary import flight_entry
 from pipeline.names import flight_folder
-from pipeline.results.fleet import FlightEntry, LogFailure, Publish
+from pipeline.results.fleet import FlightEntry, LogFailure
 from pipeline.results.flight import FlightResult
 from pipeline.storage.dataset import EXPERIMENTS, TABLES, part, partitions, write_experiments, write_tables
-from pipeline.storage.manifest import FLIGHTS, drawn_anew, entries_of, stored_flights, write_entry
+from pipeline.storage.manifest import (
+    FLIGHTS,
+    FileRecord,
+    drawn_anew,
+    entries_of,
+    of_one_flight,
+    stored_flights,
+    write_entry,
+)
 from pipeline.storage.sources import Source, fetched
-from pipeline.storage.store import ENTRY, Store, open_store
+from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
     from pipeline.execution import compiling
@@ -33,20 +41,13 @@ _LOG = logging.getLogger("rotorid.pipeline")
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Job:
-    """A log to analyse."""
+    """A log to analyse, with the names of its products."""
 
+    run: Run
     source: Source
-    #: As in `pipeline.results.fleet.FlightEntry`.
-    name: str
-    folder: str
-    key: str
-    config: AnalysisConfig
-    store: str  #: URL.
-    publish: Publish | None
-    pages: str = ""  #: `pipeline.storage.manifest.page_key` of it.
-    redo: bool = False  #: Analyse anew what the store has.
+    record: FileRecord
 
 
 def prepare() -> None:
@@ -59,21 +60,21 @@ def run(job: Job, progress: Progress | None = None) -> tuple[FlightEntry, ...] |
 
     None for a file that was merely found in a folder and neither looks nor is called like a log.
     """
-    source = job.source
+    source, asked, record = job.source, job.run, job.record
     try:
-        shown = None if job.redo else _shown_anew(job)
+        shown = None if asked.redo else _shown_anew(job)
         if shown is not None:
             return shown
         with fetched(source.url) as file:
             entries = []
-            for result in analyze_flights(file, job.config, progress, name=job.name):
+            for result in analyze_flights(file, of_one_flight(asked.config), progress, name=record.name):
                 try:
                     entries.append(_keep(result, job))
                 except OSError as error:
                     # Libraries word it in their own ways.
                     why = os.strerror(error.errno) if error.errno in FULL else error.strerror or error
                     return LogFailure(source.url, f"its results could not be stored: {why}", full=error.errno in FULL)
-        _remove_former(open_store(job.store), job.folder, len(entries))
+        _remove_former(asked.store, record.folder, len(entries))
         return tuple(entries)
     except LogError as error:
         return LogFailure(source.url, str(error), lasting=True) if source.named or source.called_a_log else None
@@ -95,17 +96,17 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
     The entry of an earlier run is made void first: parts of the datasets are replaced one by one, and what is mixed of
     two runs must not pass for the products of either.
     """
-    store = open_store(job.store)
+    store, publish, record = job.run.store, job.run.publish, job.record
     # The report calls the log as its user does, not as it was fetched.
     result = replace(result, log=replace(result.log, file=job.source.file))
-    folder = flight_folder(job.folder, result.log.flight_number)
-    entry = flight_entry(result, folder=folder, source=job.source.url, key=job.key, pages=job.pages)
+    folder = flight_folder(record.folder, result.log.flight_number)
+    entry = flight_entry(result, folder=folder, source=record.url, key=record.key, pages=job.run.pages)
     place = f"{FLIGHTS}/{folder}"
     with store.scratch() as scratch:
         product = scratch / "product"
         product.mkdir()
-        if job.publish is not None:
-            job.publish(result, product)
+        if publish is not None:
+            publish(result, product)
         write_entry(entry, product)
         tables = write_tables(result, scratch / TABLES)
         experiments = write_experiments(result, scratch / EXPERIMENTS)
@@ -124,11 +125,11 @@ def _keep(result: FlightResult, job: Job) -> FlightEntry:
 
 def _shown_anew(job: Job) -> tuple[FlightEntry, ...] | None:
     """Draw the pages of flights anew whose results the store has; None where they must be analysed."""
-    store, publish = open_store(job.store), job.publish
-    entries = stored_flights(store, job.folder, job.key, job.source.url)
+    store, publish, record = job.run.store, job.run.publish, job.record
+    entries = stored_flights(store, record.folder, record.key, record.url)
     if entries is None or publish is None:
         return None
-    shown = tuple(replace(entry, pages=job.pages) for entry in entries)
+    shown = tuple(replace(entry, pages=job.run.pages) for entry in entries)
     drawn = all(drawn_anew(store, f"{FLIGHTS}/{entry.folder}", entry, publish) for entry in shown)
     return shown if drawn else None
 

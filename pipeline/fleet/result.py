@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -32,7 +31,6 @@ class Run:
     config: AnalysisConfig
     store: Store
     publish: Publish | None
-    executor: Executor | None
     redo: bool  #: Make everything anew.
 
     @property

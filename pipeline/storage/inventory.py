@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from core.lazy import lazy
 from pipeline.config import AnalysisConfig
-from pipeline.execution.executors import as_done
+from pipeline.execution.executors import WorkerDiedError, outcomes
 from pipeline.names import file_name, folder_names, is_url, printable
 from pipeline.storage.manifest import FileRecord, Manifest, entries_of, flight_key
 from pipeline.storage.sources import Source, called_a_log, digest
@@ -75,12 +75,9 @@ def _contents(sources: Sequence[Source], former: Manifest, executor: Executor | 
     near = [url for url in new if executor is None or not is_url(url)]
     with ThreadPoolExecutor(READERS) as readers:
         contents |= zip(near, readers.map(_digest, near), strict=True)
-    if executor is not None and len(near) < len(new):
-        for url, future in as_done(executor, _digest, (url for url in new if is_url(url))):
-            try:
-                contents[url] = future.result()
-            except Exception as error:  # the worker died
-                contents[url] = OSError(f"the worker process failed: {type(error).__name__}: {error}")
+    if len(near) < len(new):
+        for url, outcome in outcomes(executor, _digest, (url for url in new if is_url(url))):
+            contents[url] = OSError(str(outcome)) if isinstance(outcome, WorkerDiedError) else outcome
     return contents
 
 
