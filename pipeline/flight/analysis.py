@@ -2,7 +2,8 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import estimation
@@ -146,12 +147,12 @@ def _analyze(
         progress.expect(
             {stage: time for stage, time in expected.items() if not (alone and stage in without_trajectory.STAGES)}
         )
-    account, signals = _account_and_lines(log, flight, stages)
+    begun = _begun(log, flight, name, sha256, config, stages)
+    account = begun.account
     # Now that the inertial sensors' table is there: built again for its times alone, it takes a second of a long log.
     rates = (
         None if isinstance(flight, Failure) else present(stages.run("account", lambda _: logged_rates(tables, flight)))
     )
-    begun = _begun(log, name, sha256, config, flight, account, signals)
     if announce is not None:
         announce(replace(begun, answer=compose_answer(begun)))
     sound = flight if isinstance(account, Failure) or account.sound is None else account.sound
@@ -170,26 +171,20 @@ def _analyze(
         stages.raise_unforeseen("flight", "trajectory")
         raise MissingDataError(f"{flight.reason}; no trajectory either: {trajectory.reason}")
 
-    fitted = _fit(log, trajectory, flight, part, config, name, stages)
-
-    coverage = _measured(log, trajectory, flight, fitted, present(account), rates, stages)
+    fitted = _fitted(replace(begun, trajectory=trajectory), log, part, stages)
+    coverage = _measured(fitted, log, rates, stages)
     independent = pending()
     stages.take(independent.stages)
 
     # Findings about the fits stay with their models; those of the experiments are about the log.
     known = len(stages.findings)
     result = replace(
-        begun,
-        trajectory=trajectory,
-        experiments=fitted.experiments,
-        models=fitted.models,
-        thrust=fitted.thrust,
-        parameters=fitted.parameters,
+        fitted,
         coverage=coverage,
         trims=independent.trims,
         rotation=independent.rotation,
         autopilot=(
-            *(present(stages.run("advice", lambda _: _autopilot(log, fitted, independent.rotation, config))) or ()),
+            *(present(stages.run("advice", lambda _: _autopilot(log, fitted, independent.rotation))) or ()),
             *independent.gains,
         ),
         findings=(
@@ -210,31 +205,32 @@ def _analyze(
 
 
 def _begun(
-    log: FlightLog,
-    name: str,
-    sha256: str,
-    config: AnalysisConfig,
-    flight: Span | Failure,
-    account: Account | Failure,
-    signals: FlightSignals | Failure,
+    log: FlightLog, flight: Span | Failure, name: str, sha256: str, config: AnalysisConfig, stages: Stages
 ) -> FlightResult:
     """Return the result as it is when it is known what happened and nothing is identified."""
     tables, simulated = log.tables, log.tables.truth is not None
-    facts = LogFacts(
-        file=log.path.name,
-        bytes=log.path.stat().st_size,
-        sha256=sha256,
-        format=log.format,
-        duration_s=log.duration,
-        start_utc=None if log.start_utc is None else log.start_utc.isoformat(),
-        boots=len(log.boots),
-        flights=tuple(Span(flown.start, flown.stop) for flown in log.flights),
-        flight_number=1,
-        flight_count=1,
-    )
+    account: Account | Failure
+    signals: FlightSignals | Failure
+    if isinstance(flight, Failure):
+        account, signals = stages.run("account", lambda _: account_of_flight(log, None)), flight
+    else:
+        readings = Readings.of(log, flight)  # of both
+        account = stages.run("account", lambda _: account_of(readings))
+        signals = stages.run("account", lambda _: flight_signals(readings))
     return FlightResult(
         name=name,
-        log=facts,
+        log=LogFacts(
+            file=log.path.name,
+            bytes=log.path.stat().st_size,
+            sha256=sha256,
+            format=log.format,
+            duration_s=log.duration,
+            start_utc=None if log.start_utc is None else log.start_utc.isoformat(),
+            boots=len(log.boots),
+            flights=tuple(Span(flown.start, flown.stop) for flown in log.flights),
+            flight_number=1,
+            flight_count=1,
+        ),
         vehicle=log.vehicle,
         craft=fingerprint(log.vehicle, log.parameters, simulated=simulated),
         tune=tune_of(log.vehicle, log.parameters),
@@ -256,46 +252,19 @@ def _begun(
     )
 
 
-def _account_and_lines(
-    log: FlightLog, flight: Span | Failure, stages: Stages
-) -> tuple[Account | Failure, FlightSignals | Failure]:
-    """Tell what happened in a flight, and gather its lines for plots, from the same readings."""
-    if isinstance(flight, Failure):
-        return stages.run("account", lambda _: account_of_flight(log, None)), flight
-    readings = Readings.of(log, flight)
-    account = stages.run("account", lambda _: account_of(readings))
-    return account, stages.run("account", lambda _: flight_signals(readings))
-
-
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """What was fitted to one flight."""
-
-    thrust: sysid.ThrustModel | Failure
-    parameters: sysid.PhysicalParameters | Failure
-    experiments: Mapping[str, sysid.Experiment] = field(default_factory=dict)  #: By the kind of model.
-    models: tuple[ModelResult, ...] = ()
-
-
-def _fit(
-    log: FlightLog,
-    trajectory: estimation.Trajectory | Failure,
-    flight: Span | Failure,
-    part: Span | Failure,
-    config: AnalysisConfig,
-    name: str,
-    stages: Stages,
-) -> _Fitted:
+def _fitted(begun: FlightResult, log: FlightLog, part: Span | Failure, stages: Stages) -> FlightResult:
     """Fit every kind of model to the beginning of the flight's part that models are of, and validate it on the rest."""
+    flight, trajectory, config, name = begun.flight, begun.trajectory, begun.config, begun.name
     if isinstance(flight, Failure) or isinstance(part, Failure) or isinstance(trajectory, Failure):
         missing = next(stage for stage in (flight, part, trajectory) if isinstance(stage, Failure))
-        return _nothing_fitted(missing.reason)
+        return _nothing_fitted(begun, missing.reason)
     thrust: sysid.ThrustModel | Failure = Failure("thrust", "no kind of model uses motor outputs")
     experiments: dict[str, sysid.Experiment] = {}
     models: list[ModelResult] = []
     unfit = trajectory.unknown_position(flight.start, flight.stop)
     for kind in KINDS:
-        record = _record(kind, log, trajectory, part, config, name, experiments.values(), stages)
+        cut = partial(_record, kind, log, trajectory, part, config, name, experiments.values())
+        record = stages.run("experiment", cut)
         if isinstance(record, Failure):
             failure = Failure(record.stage, record.reason.removeprefix(f"{name}: "))
             models.append(without_model(kind, failure))
@@ -305,61 +274,49 @@ def _fit(
         experiments[kind.key] = record
         training, held_out = record.split(config.training_fraction)
         if kind.key == THRUST_KEY:
-            thrust = _thrust(training, record, config, stages)
+            thrust = stages.run("thrust", partial(_thrust, training, record, config))
         if unfit:
             models.append(without_model(kind, Failure("experiment", unfit)))
         else:
             models.append(identify(kind, [training], [held_out], config, stages, flight=name))
     if not experiments:
-        return _nothing_fitted(models[0].report.missing)
+        return _nothing_fitted(begun, models[0].report.missing)
     body = None if unfit else experiments.get(RIGID_BODY_KEY)
     compared = [] if body is None else [body.split(config.training_fraction)[0]]
-    return _Fitted(thrust, compare_parameters(compared, models, config, stages), experiments, tuple(models))
+    parameters = compare_parameters(compared, models, config, stages)
+    return replace(begun, thrust=thrust, parameters=parameters, experiments=experiments, models=tuple(models))
 
 
 def _thrust(
-    training: sysid.Experiment, whole: sysid.Experiment, config: AnalysisConfig, stages: Stages
-) -> sysid.ThrustModel | Failure:
+    training: sysid.Experiment, whole: sysid.Experiment, config: AnalysisConfig, _: Progress
+) -> sysid.ThrustModel:
     """Fit thrust to the first part of the flight; whether a load was dropped is asked of all of it."""
-
-    def fit(_: Progress) -> sysid.ThrustModel:
-        fitted = sysid.fit_thrust([training], mass=config.mass)
-        others = [finding for finding in fitted.findings if finding.id != THRUST_CHANGED]
-        return replace(fitted, findings=(*thrust_changes(whole), *others))
-
-    return stages.run("thrust", fit)
+    fitted = sysid.fit_thrust([training], mass=config.mass)
+    others = [finding for finding in fitted.findings if finding.id != THRUST_CHANGED]
+    return replace(fitted, findings=(*thrust_changes(whole), *others))
 
 
-def _nothing_fitted(reason: str) -> _Fitted:
+def _nothing_fitted(begun: FlightResult, reason: str) -> FlightResult:
     """Return that nothing was fitted, since there is no flight, trajectory or experiment."""
     failure = Failure("experiment", reason)
-    return _Fitted(failure, failure)
+    return replace(begun, thrust=failure, parameters=failure)
 
 
 def _measured(
-    log: FlightLog,
-    trajectory: estimation.Trajectory | Failure,
-    flight: Span | Failure,
-    fitted: _Fitted,
-    account: Account | None,
-    rates: Mapping[str, LoggedRate] | None,
-    stages: Stages,
+    fitted: FlightResult, log: FlightLog, rates: Mapping[str, LoggedRate] | None, stages: Stages
 ) -> Coverage | Failure:
     """Compute what the flight covered."""
+    flight, trajectory, records = fitted.flight, fitted.trajectory, fitted.experiments.values()
     if isinstance(flight, Failure):
         return flight
     if isinstance(trajectory, Failure):
         return trajectory
-    records = fitted.experiments.values()
     return stages.run(
-        "coverage",
-        lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, account=account, rates=rates),
+        "coverage", lambda _: measure(log, trajectory, flight, fitted.models, experiments=records, rates=rates)
     )
 
 
-def _autopilot(
-    log: FlightLog, fitted: _Fitted, rotation: RotationResult | Failure, config: AnalysisConfig
-) -> tuple[AutopilotValue, ...]:
+def _autopilot(log: FlightLog, fitted: FlightResult, rotation: RotationResult | Failure) -> tuple[AutopilotValue, ...]:
     """Return what models and raw gyro propose to the autopilot, or why not; nothing to another than ArduPilot."""
     values: list[AutopilotValue] = []
     with suppress(RotoridError):
@@ -368,7 +325,7 @@ def _autopilot(
         record = fitted.experiments.get(RIGID_BODY_KEY)
         model = next((model.model for model in fitted.models if model.key == RIGID_BODY_KEY), None)
         if record is not None and isinstance(model, sysid.RigidBodyModel):
-            training, _ = record.split(config.training_fraction)
+            training, _ = record.split(fitted.config.training_fraction)
             values += body_values(model, [log], [training], flown)
         values += batch_values([log], [], flown)
         if isinstance(rotation, RotationResult) and log.tables.has("rates"):
@@ -391,27 +348,23 @@ def _record(
     config: AnalysisConfig,
     name: str,
     beside: Iterable[sysid.Experiment],
-    stages: Stages,
-) -> sysid.Experiment | Failure:
+    _: Progress,
+) -> sysid.Experiment:
     """Cut the flight as a kind of model needs it."""
-
-    def cut(_: Progress) -> sysid.Experiment:
-        whole = sysid.Experiment.from_flight(
-            log,
-            trajectory,
-            rate=kind.rate or config.rate,
-            inputs=kind.inputs,
-            outputs="position",
-            frame=kind.frame,
-            name=name,
-            beside=beside,
-            within=(part.start, part.stop),
+    whole = sysid.Experiment.from_flight(
+        log,
+        trajectory,
+        rate=kind.rate or config.rate,
+        inputs=kind.inputs,
+        outputs="position",
+        frame=kind.frame,
+        name=name,
+        beside=beside,
+        within=(part.start, part.stop),
+    )
+    if whole.duration < SHORTEST:
+        raise MissingDataError(
+            f"only {whole.duration:.0f} s without a gap in inputs and position; "
+            f"at least {SHORTEST:.0f} s are needed to fit and judge a model"
         )
-        if whole.duration < SHORTEST:
-            raise MissingDataError(
-                f"only {whole.duration:.0f} s without a gap in inputs and position; "
-                f"at least {SHORTEST:.0f} s are needed to fit and judge a model"
-            )
-        return whole
-
-    return stages.run("experiment", cut)
+    return whole

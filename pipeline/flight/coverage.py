@@ -44,7 +44,6 @@ if TYPE_CHECKING:
 
     from estimation import Trajectory
     from logparse import FlightLog, Tables
-    from pipeline.results.account import Account
     from pipeline.results.flight import ModelResult
     from pipeline.results.span import Span
 
@@ -65,10 +64,9 @@ def measure(
     models: Sequence[ModelResult] = (),
     *,
     experiments: Iterable[sysid.Experiment] = (),
-    account: Account | None = None,
     rates: Mapping[str, LoggedRate] | None = None,
 ) -> Coverage:
-    """Measure what a flight covered; how well it was logged is told with what its account read, and its rates."""
+    """Measure what a flight covered, and how well it was logged: with its `rates`, where they are known already."""
     states = trajectory.states
     start, stop = max(flight.start, float(states.index[0])), min(flight.stop, float(states.index[-1]))
     t = start + np.arange(max(int((stop - start) * RATE), 1) + 1) / RATE
@@ -115,9 +113,7 @@ def measure(
             float(trim.wind_n), float(trim.wind_e), float(trim.wind_sigma), "rigid body fitted to this flight"
         ),
         excitation=excitation_of(trajectory, context),
-        health=log_health(
-            log, trajectory, flight, account, logged_rates(log.tables, flight) if rates is None else rates
-        ),
+        health=log_health(log, trajectory, flight, logged_rates(log.tables, flight) if rates is None else rates),
         missing=missing,
     )
 
@@ -274,18 +270,13 @@ _SETTINGS = (
 )
 
 
-def log_health(
-    log: FlightLog, trajectory: Trajectory, flight: Span, account: Account | None, rates: Mapping[str, LoggedRate]
-) -> LogHealth:
+def log_health(log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapping[str, LoggedRate]) -> LogHealth:
     """Report how well a flight was logged."""
     sigma = trajectory.sigma.loc[flight.start : flight.stop]
     horizontal = (sigma["p_n"] ** 2 + sigma["p_e"] ** 2) ** 0.5
     parameters = log.parameters
     return LogHealth(
         rates=rates,
-        gps=None if account is None else account.gps,
-        vibration=None if account is None else account.vibration,
-        battery=None if account is None else account.battery,
         position_sigma=PositionSigma(median=float(horizontal.median()), max=float(horizontal.max())),
         settings={
             name: float(parameters[name])

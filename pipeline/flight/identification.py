@@ -53,11 +53,11 @@ def identify(
         return without_model(kind, model)
     validation = stages.run("validation", lambda _: sysid.validate(model, [*fitted, *held_out], outside=outside))
     orders = None
-    if config.scan_orders and kind.scans:
+    if config.scan_orders and kind.structure:
         orders = stages.run(
             "orders",
             lambda report: sysid.scan_orders(
-                fitted, structure=kind.scans, time_limit=SCAN_PART * config.time_limit, progress=report
+                fitted, structure=kind.structure, time_limit=SCAN_PART * config.time_limit, progress=report
             ),
         )
     return model_result(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import sysid
 from pipeline.config import AnalysisConfig
@@ -20,19 +19,6 @@ THRUST_KEY = "motors"
 RIGID_BODY_KEY = "rigid_body"
 
 
-class Fit(Protocol):
-    """Fits a kind of model to records."""
-
-    def __call__(
-        self,
-        experiments: Sequence[sysid.Experiment],
-        config: AnalysisConfig,
-        progress: Progress,
-        /,
-    ) -> sysid.Model:
-        """Fit one model to all records."""
-
-
 @dataclass(frozen=True, slots=True)
 class ModelKind:
     """One kind of model."""
@@ -42,57 +28,30 @@ class ModelKind:
     #: Inputs of its experiments and their frame, as `Experiment.from_flight` takes them.
     inputs: str
     frame: str
-    fit: Fit  #: ``fit(experiments, config, progress)``.
     note: str  #: What the model describes, and what it cannot tell, for people who have to choose.
-    scans: str = ""  #: Structure with which its number of poles and zeros can be scanned; empty when it cannot.
+    structure: str = ""  #: Of a black box, whose number of poles and zeros can be scanned.
     rate: float | None = None  #: Samples per second that it needs; those of the configuration when None.
     #: Its outputs are a linear answer to its inputs, so that their coherence tells what it can know.
     linear: bool = True
 
-
-def _motors(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
-) -> sysid.TransferFunctionModel:
-    return _black_box(experiments, config, "per_input", progress)
-
-
-def _mixer(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
-) -> sysid.TransferFunctionModel:
-    # One craft answers to all commands, with the same modes.
-    return _black_box(experiments, config, "common", progress)
-
-
-def _black_box(
-    experiments: Sequence[sysid.Experiment],
-    config: AnalysisConfig,
-    structure: str,
-    progress: Progress,
-) -> sysid.TransferFunctionModel:
-    return sysid.fit_transfer_functions(
-        experiments,
-        poles=config.poles,
-        zeros=config.zeros,
-        structure=structure,
-        time_limit=FIT_PART * config.time_limit,
-        progress=progress,
-    )
-
-
-def _closed_loop(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
-) -> sysid.ClosedLoopModel:
-    # The order is that of the position controller with drag, whatever is asked of the black boxes.
-    return sysid.fit_closed_loop(experiments, time_limit=FIT_PART * config.time_limit, progress=progress)
-
-
-def _rigid_body(
-    experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
-) -> sysid.RigidBodyModel:
-    # Its paths are followed where it is fitted.
-    return sysid.fit_rigid_body(
-        experiments, mass=config.mass, time_limit=FIT_PART * config.time_limit, progress=progress
-    )
+    def fit(
+        self, experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
+    ) -> sysid.TransferFunctionModel | sysid.ClosedLoopModel | sysid.RigidBodyModel:
+        """Fit one model to all records."""
+        limit = FIT_PART * config.time_limit
+        if self.structure:
+            return sysid.fit_transfer_functions(
+                experiments,
+                poles=config.poles,
+                zeros=config.zeros,
+                structure=self.structure,
+                time_limit=limit,
+                progress=progress,
+            )
+        if self.linear:
+            # The order is that of the position controller with drag, whatever is asked of the black boxes.
+            return sysid.fit_closed_loop(experiments, time_limit=limit, progress=progress)
+        return sysid.fit_rigid_body(experiments, mass=config.mass, time_limit=limit, progress=progress)
 
 
 KINDS = (
@@ -101,26 +60,23 @@ KINDS = (
         "motor PWM → position",
         "motors",
         "earth",
-        _motors,
         "A black box with a transfer function for every motor, as in Elhesasy 2024.",
-        scans="per_input",
+        structure="per_input",
     ),
     ModelKind(
         "mixer",
         "mixer commands → position",
         "mixer",
         "heading",
-        _mixer,
         "A black box from the thrust, tilt and yaw that the motors’ commands amount to, with one denominator for each "
         "axis: fewer coefficients.",
-        scans="common",
+        structure="common",  # one craft answers to all commands, with the same modes
     ),
     ModelKind(
         "reference",
         "position target → position",
         "reference",
         "earth",
-        _closed_loop,
         "Craft and autopilot together: where the craft goes when it is told to, nothing of the craft alone.",
     ),
     ModelKind(
@@ -128,7 +84,6 @@ KINDS = (
         "rigid body",
         "motors",
         "earth",
-        _rigid_body,
         "Physics: position from motor PWM and measured attitude, with thrust, drag and the wind of each flight.",
         rate=50.0,
         linear=False,

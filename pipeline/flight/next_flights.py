@@ -178,7 +178,7 @@ def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
 
 def _under_the_sky(flight: FlightEntry) -> bool:
     """Return whether a fix could have been had: a receiver without one satellite is indoors, for a reason."""
-    gps = None if flight.coverage is None else flight.coverage.health.gps
+    gps = None if flight.account is None else flight.account.gps
     return gps is None or gps.satellites_median != 0
 
 
@@ -189,7 +189,7 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
         hdop = [
             gps.hdop
             for flight in lost
-            if flight.coverage is not None and (gps := flight.coverage.health.gps) is not None and gps.hdop is not None
+            if flight.account is not None and (gps := flight.account.gps) is not None and gps.hdop is not None
         ]
         yield Advice(
             id="repeat-with-gps",

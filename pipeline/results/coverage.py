@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 from math import atan2, hypot, pi
 
 from logparse import Finding
-from pipeline.results.account import BatteryReading, GpsReading, VibrationReading
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,12 +64,9 @@ class PositionSigma:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogHealth:
-    """How well a flight was logged."""
+    """How well a flight was logged; what GPS, vibration and battery read is in its account."""
 
     rates: Mapping[str, LoggedRate]  #: By table.
-    gps: GpsReading | None
-    vibration: VibrationReading | None
-    battery: BatteryReading | None
     position_sigma: PositionSigma
     settings: Mapping[str, float]  #: Parameters of the autopilot that decide what is logged.
     format: str  #: Of the log.

@@ -112,6 +112,9 @@ class FlightReport:
                 story=account.story,
                 headline=account.headline,
                 unseen=account.unseen,
+                battery=account.battery,
+                vibration=account.vibration,
+                gps=account.gps,
             )
         if answer is not None:
             answer = replace(answer, lines=tuple(line for line in answer.lines if line.purpose in _TABULATED))

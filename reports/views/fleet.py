@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from core.quantity import counted, duration, number, per_degree, uncertain, with_unit
 from core.table import Cell, Row, Table
-from pipeline.results.account import GRAVITY, gravity
+from pipeline.results.account import GRAVITY, Account, gravity
 from pipeline.results.answer import AnswerLine, Tone, clause
 from pipeline.results.drift import Drift, History, ParameterChange, Step
 from pipeline.results.model import ModelReport
@@ -125,7 +125,11 @@ def _digits(value: float | None) -> str:
 
 def health_table(numbers: FleetReport) -> Table | None:
     """Tabulate how well each flight was logged: rates, satellites, vibration, battery, known position."""
-    known = [(flight.name, flight.coverage.health) for flight in numbers.flights if flight.coverage is not None]
+    known = [
+        (flight.name, flight.coverage.health, flight.account or Account(flight=None))
+        for flight in numbers.flights
+        if flight.coverage is not None
+    ]
     if not known:
         return None
     return Table(
@@ -142,14 +146,14 @@ def health_table(numbers: FleetReport) -> Table | None:
                         _digits(health.rates[table].rate if table in health.rates else None)
                         for table in ("imu", "motors", "attitude", "gps")
                     ),
-                    _whole(None if health.gps is None else health.gps.satellites_median),
-                    _digits(None if health.vibration is None else health.vibration.p95),
-                    _whole(None if health.vibration is None else health.vibration.clips),
-                    "–" if health.battery is None else f"{health.battery.start:.1f}, {health.battery.lowest:.1f}",
+                    _whole(None if account.gps is None else account.gps.satellites_median),
+                    _digits(None if account.vibration is None else account.vibration.p95),
+                    _whole(None if account.vibration is None else account.vibration.clips),
+                    "–" if account.battery is None else f"{account.battery.start:.1f}, {account.battery.lowest:.1f}",
                     _digits(health.position_sigma.median),
                 ],
             )
-            for name, health in known
+            for name, health, account in known
         ],
         caption="How well each flight was logged: samples per second, satellites, vibration exceeded for 5 % of the "
         "time, clipped accelerations, voltage at take-off and least, and the median 1-sigma of the horizontal "

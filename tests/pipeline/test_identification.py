@@ -60,13 +60,13 @@ def test_orders_are_scanned_without_the_part_that_judges(scanned, parts):
     assert scanned.report.orders.recommended[0] == 2
 
 
-def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts):
-    def refused(experiments, config, progress):
+def test_what_cannot_be_fitted_says_why_and_leaves_the_others_alone(parts, monkeypatch):
+    def refused(*_, **__):
         raise sysid.ExperimentError("two identical motors")
 
+    monkeypatch.setattr(sysid, "fit_transfer_functions", refused)
     stages = Stages(silent, 3600.0)
-    kind = dataclasses.replace(MOTORS, fit=refused)
-    result = identify(kind, parts[:1], parts[1:], AnalysisConfig(), stages)
+    result = identify(MOTORS, parts[:1], parts[1:], AnalysisConfig(), stages)
     failure = Failure("motors", "two identical motors")
     assert (result.model, result.validation, result.predictions) == (failure, None, ())
     assert result.report.model is None

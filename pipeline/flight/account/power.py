@@ -36,7 +36,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
     t, given = throttle.index.to_numpy(np.float64), throttle.to_numpy(np.float64)
     down, flying = at(t, sink), readings.flying(t)
     usual = float(np.median(given[flying])) if flying.any() else 1.0
-    lean = readings.lean_asked if readings.lean is None else readings.lean
+    lean = readings.lean
     # A craft that leans sinks, and the autopilot's own height may be what sinks.
     tells = np.zeros(len(t), dtype=bool) if lean is None or readings.own_height else at(t, lean) < _UPRIGHT
     much = flying & tells & (given >= min(FULL, usual + _RESERVE * (1.0 - usual)))

@@ -170,12 +170,12 @@ class Readings:
     @cached_property
     def lean(self) -> pd.Series[float] | None:
         """Angle between the thrust axis and the vertical, rad."""
-        return _lean(self.tables.part("attitude", ("roll", "pitch")), self.belongs)
-
-    @cached_property
-    def lean_asked(self) -> pd.Series[float] | None:
-        """The same of the attitude target."""
-        return _lean(self.tables.part("setpoints", ("roll", "pitch")), self.belongs)
+        attitude = self.tables.part("attitude", ("roll", "pitch"))
+        if attitude is None:
+            return None
+        angles = attitude.iloc[self.belongs.rows(attitude.index)].dropna()
+        cosine = np.cos(angles["roll"].to_numpy(np.float64)) * np.cos(angles["pitch"].to_numpy(np.float64))
+        return pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=angles.index) if len(angles) > 1 else None
 
     @cached_property
     def attitude_error(self) -> pd.Series[float] | None:
@@ -288,14 +288,6 @@ def stretches(t: Floats, on: Mask, *, join: float, shortest: float = 0.0) -> lis
 def at(t: float | Floats, series: pd.Series[float]) -> Floats:
     """Interpolate a series at times, shape (n,) or ()."""
     return np.asarray(np.interp(t, series.index.to_numpy(np.float64), series.to_numpy(np.float64)))
-
-
-def _lean(attitude: pd.DataFrame | None, span: Span) -> pd.Series[float] | None:
-    if attitude is None:
-        return None
-    angles = attitude.iloc[span.rows(attitude.index)].dropna()
-    cosine = np.cos(angles["roll"].to_numpy(np.float64)) * np.cos(angles["pitch"].to_numpy(np.float64))
-    return pd.Series(np.arccos(np.clip(cosine, -1.0, 1.0)), index=angles.index) if len(angles) > 1 else None
 
 
 def _axes(attitude: pd.DataFrame, t: Floats) -> Floats:
