@@ -16,11 +16,11 @@ from pipeline.results.account import Account, BatteryReading, GpsReading, HoverR
 from pipeline.results.answer import Answer, AnswerLine, Picture, Tone, clause
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
-from pipeline.results.model import ParameterRow
+from pipeline.results.model import bare_unit, headlines
 from pipeline.results.rotation import AxisMargins, LoopState
 from pipeline.results.span import Span
 from sysid.records.motor_scaling import curve
-from sysid.rigid_body.physical import HEADLINE, UNITS, quantity
+from sysid.rigid_body.physical import UNITS, quantity
 from sysid.rotors.thrust_regression import THRUST_CHANGED
 from sysid.validation.uses import PredictionUse
 
@@ -329,19 +329,17 @@ _SHOWN = (
 
 def parameters(result: FlightResult) -> AnswerLine | None:
     """Answer with thrust first; None where nothing is determined."""
-    headlines = _headlines(result)
+    rows = _headlines(result)
     known: list[tuple[str, float, float, str]] = []
     unknown = []
-    for label, rows in _SHOWN:
-        first = next(
-            ((row, determined) for row in rows if (determined := _row(result, headlines, row)) is not None), None
-        )
-        if first is None:
+    for label, names in _SHOWN:
+        name = next((name for name in names if name in rows), None)
+        if name is None:
             unknown.append(label)
         else:
-            name, (known_value, error, in_full) = first
+            known_value, error, in_full = rows[name]
             what = _divided(name, in_full) + (" per motor" if label == "thrust" else "")
-            known.append((what, known_value, error, _unit(in_full)))
+            known.append((what, known_value, error, bare_unit(in_full)))
     if not known:
         return None
     what, value, sigma, unit = known[0]
@@ -366,33 +364,22 @@ def full_thrust(result: FlightResult) -> float | None:
     Throttle does not tell it: autopilots correct theirs for air and battery, and old ones are no share of the thrust.
     """
     thrust, stated = present(result.thrust), _headlines(result).get("thrust over mass")
-    if thrust is None or not thrust.hover_command or not thrust.common.per_mass or changed_load(result):
+    if thrust is None or stated is None or not thrust.hover_command or changed_load(result):
         return None
-    if not isinstance(result.parameters, Failure):
-        per_mass = None if stated is None or stated.best is None else stated.value
-    else:
-        per_mass = thrust.common.per_mass if thrust.common.determined else None
-    if per_mass is None:
-        return None
-    return per_mass / thrust.common.per_mass / curve(np.array(thrust.hover_command), thrust.thrust_expo).item()
+    value, _, unit = stated
+    own = thrust.common.newton if unit.startswith("N") else thrust.common.per_mass
+    return None if not own else value / own / curve(np.array(thrust.hover_command), thrust.thrust_expo).item()
 
 
-def _headlines(result: FlightResult) -> Mapping[str, ParameterRow]:
-    """Return the best value of each parameter."""
-    return {row.parameter: row for row in parameter_rows(result.parameters) or () if row.method == HEADLINE}
-
-
-def _row(
-    result: FlightResult, headlines: Mapping[str, ParameterRow], parameter: str
-) -> tuple[float, float, str] | None:
-    """Return a parameter with its error, in SI with the mass where that is given; without methods, the thrust alone."""
-    if not isinstance(result.parameters, Failure):
-        return headlines[parameter].best if parameter in headlines else None
-    if parameter == "thrust over mass" and not isinstance(result.thrust, Failure):
-        common = result.thrust.common
-        if common.determined and common.per_mass is not None and common.sigma is not None:
-            return common.per_mass, common.sigma, UNITS[parameter]
-    return None
+def _headlines(result: FlightResult) -> Mapping[str, tuple[float, float, str]]:
+    """Return the best value of each parameter; where no method could be applied, of thrust that of its own fit."""
+    rows, thrust = parameter_rows(result.parameters), present(result.thrust)
+    if rows is None and thrust is not None and thrust.common.determined:
+        name, common = "thrust over mass", thrust.common
+        return (
+            {} if common.per_mass is None or not common.sigma else {name: (common.per_mass, common.sigma, UNITS[name])}
+        )
+    return headlines(rows)
 
 
 def _divided(parameter: str, unit: str) -> str:
@@ -401,11 +388,6 @@ def _divided(parameter: str, unit: str) -> str:
     if not divisor:
         return name
     return f"{name}/({divisor.replace(' and ', '·')})" if " and " in divisor else f"{name}/{divisor}"
-
-
-def _unit(unit: str) -> str:
-    """Leave the conditions out of a unit, which stand in the table of parameters."""
-    return re.split(r",| at | \(", unit, maxsplit=1)[0].replace("^2", "²").replace(" ", "·")
 
 
 #: Words of a reason that a line has room for.

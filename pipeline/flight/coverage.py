@@ -283,7 +283,6 @@ def log_health(log: FlightLog, trajectory: Trajectory, flight: Span, rates: Mapp
             for name in _SETTINGS
             if name in parameters and np.isfinite(float(parameters[name]))
         },
-        format=log.format,
     )
 
 

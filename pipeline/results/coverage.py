@@ -69,7 +69,6 @@ class LogHealth:
     rates: Mapping[str, LoggedRate]  #: By table.
     position_sigma: PositionSigma
     settings: Mapping[str, float]  #: Parameters of the autopilot that decide what is logged.
-    format: str  #: Of the log.
 
 
 @dataclass(frozen=True, slots=True)

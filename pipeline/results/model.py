@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -134,6 +135,16 @@ class ParameterRow:
         """Value, standard error and unit, in SI where mass allows it; None where they are not determined."""
         both = ((self.si_value, self.si_sigma, self.si_unit), (self.value, self.sigma, self.unit))
         return next(((value, sigma, unit) for value, sigma, unit in both if value is not None and sigma), None)
+
+
+def headlines(rows: Iterable[ParameterRow] | None) -> dict[str, tuple[float, float, str]]:
+    """Return each parameter that all methods together determine, with its error and unit, in SI where mass allows."""
+    return {row.parameter: best for row in rows or () if row.method == "headline" and (best := row.best)}
+
+
+def bare_unit(unit: str) -> str:
+    """Leave the conditions out of a unit, which stand in the table of parameters."""
+    return re.split(r",| at | \(", unit, maxsplit=1)[0].replace("^2", "²").replace(" ", "·")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,11 +9,11 @@ from core.quantity import counted
 from logparse import Finding, Vehicle
 from pipeline.flight.identification import parameter_rows
 from pipeline.results.answer import AnswerLine, Tone, clause
-from pipeline.results.model import ParameterRow
+from pipeline.results.model import ParameterRow, bare_unit, headlines
 from reports.pages.html import render
 from reports.views import log_words
 from reports.views.parameters import parameters
-from sysid.rigid_body.physical import HEADLINE, PhysicalParameters, quantity
+from sysid.rigid_body.physical import PhysicalParameters, quantity
 
 #: What a craft is asked first, and the parameters that answer, the first that is known.
 _ASKED = (
@@ -47,15 +47,14 @@ def parameters_page(
 
 def _answer(asked: str, names: Sequence[str], rows: Sequence[ParameterRow]) -> AnswerLine:
     """Answer with the headline in SI where it is known, else per mass, else with the reason."""
-    headlines = [row for name in names for row in rows if (row.parameter, row.method) == (name, HEADLINE)]
-    for row in headlines:
-        if row.best is not None:
-            value, sigma, unit = row.best
-            bare, _, condition = unit.partition(" (")[0].partition(" at ")[0].partition(", ")
-            divisor = quantity(row.parameter, unit)[1]
-            text = ", ".join(part for part in (divisor and f"over {divisor}", condition) if part)
-            line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=text)
-            return replace(line, value=value, sigma=sigma, unit=bare.replace("^2", "²").replace(" ", "·"))
+    determined = headlines(rows)
+    for name in names:
+        if name not in determined:
+            continue
+        value, sigma, unit = determined[name]
+        divisor = quantity(name, unit)[1]
+        line = AnswerLine(purpose=asked, word="known", tone=Tone.GOOD, text=f"over {divisor}" if divisor else "")
+        return replace(line, value=value, sigma=sigma, unit=bare_unit(unit))
     reasons = [row.note for row in rows if row.parameter in names and row.note]
     reason = clause(reasons[0]) if reasons else "no method determines it"
     return AnswerLine(purpose=asked, word="not determined", tone=Tone.UNKNOWN, text=reason)

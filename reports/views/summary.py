@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from core.quantity import joined, uncertain
 from core.summary import listed
 from pipeline.results.answer import Answer
-from pipeline.results.model import ModelReport, ParameterRow
+from pipeline.results.model import ModelReport, ParameterRow, bare_unit, headlines
 from pipeline.results.report import CraftReport, FleetReport, FlightReport, LeftOut
 from reports.views.log_words import craft
 from sysid.rotors.thrust_record import ThrustModel
@@ -57,7 +57,7 @@ def facts(numbers: FlightReport) -> str:
 def _identified(numbers: CraftReport) -> str:
     parts = [described(result) for result in numbers.models if result.model is not None]
     text = f"Identified: {joined(parts)}." if parts else ""
-    coefficient = thrust_coefficient(numbers.thrust, numbers.parameters or ())
+    coefficient = thrust_coefficient(numbers.thrust, numbers.parameters)
     if coefficient:
         text = f"Thrust: {coefficient}. {text}".strip()
     return text or "Nothing could be identified."
@@ -77,29 +77,19 @@ def joint_sentences(group: CraftReport) -> list[str]:
     return [text, _identified(group).replace("Identified:", "Identified jointly:")]
 
 
-def thrust_coefficient(thrust: ThrustModel | None, parameters: Sequence[ParameterRow] = ()) -> str:
+def thrust_coefficient(thrust: ThrustModel | None, parameters: Sequence[ParameterRow] | None) -> str:
     """Write the thrust per motor with its uncertainty and conditions; empty when there is none."""
-    known = thrust_known(thrust, parameters)
+    known = thrust_known(parameters)
     if known is None or thrust is None:
         return ""
     over = "" if known[2] == "N" else " over the mass,"
     return f"{uncertain(*known)}{over} per motor at full command {thrust_conditions(thrust)}"
 
 
-def thrust_known(
-    thrust: ThrustModel | None, parameters: Sequence[ParameterRow] = ()
-) -> tuple[float | None, float | None, str] | None:
-    """Return the thrust of a motor, or over the mass, with error and unit: of all methods where they have one."""
-    if not thrust or not thrust.common.determined:
-        return None
-    best = next((row for row in parameters if (row.parameter, row.method) == ("thrust over mass", "headline")), None)
-    if best is not None and best.si_value is not None:
-        return best.si_value, best.si_sigma, "N"
-    if best is not None and best.value is not None:
-        return best.value, best.sigma, "m/s²"
-    if thrust.common.newton is not None:
-        return thrust.common.newton, thrust.common.newton_sigma, "N"
-    return thrust.common.per_mass, thrust.common.sigma, "m/s²"
+def thrust_known(parameters: Sequence[ParameterRow] | None) -> tuple[float, float, str] | None:
+    """Return the thrust of a motor, or over the mass, of all methods together, with error and unit."""
+    known = headlines(parameters).get("thrust over mass")
+    return None if known is None else (*known[:2], bare_unit(known[2]))
 
 
 def thrust_conditions(thrust: ThrustModel) -> str:

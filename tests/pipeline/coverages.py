@@ -20,12 +20,8 @@ _USUAL: dict[str, Any] = {
     },
     "health": {
         "rates": {"attitude": {"rate": 10.0, "gaps": 0, "longest_gap": 0.1}},
-        "gps": {"satellites_least": 12, "satellites_median": 14, "fix_share": 1.0, "hdop": 0.8},
-        "vibration": None,
-        "battery": None,
         "position_sigma": {"median": 0.4, "max": 0.6},
         "settings": {},
-        "format": "dataflash",
     },
 }
 

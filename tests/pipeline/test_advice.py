@@ -13,6 +13,7 @@ from pipeline.fleet.drift import follow
 from pipeline.fleet.envelope import envelope
 from pipeline.flight.logging_advice import BRINGS
 from pipeline.flight.next_flights import MOST, for_craft
+from pipeline.results.account import Account, GpsReading
 from tests.pipeline.builders import covering, flown, hovering, stated
 from tests.pipeline.coverages import coverage_of
 
@@ -41,7 +42,7 @@ TOLD = (
 )
 
 
-def good(name="good", *, parameters=TOLD, findings=(), form="dataflash", mask=176127.0, known=True, **parts):
+def good(name="good", *, parameters=TOLD, findings=(), form="dataflash", mask=176127.0, known=True, gps=None, **parts):
     """Make a flight that lacks nothing but what is taken from it."""
     settings = {} if mask is None else {"LOG_BITMASK": mask}
     parts["health"] = {"settings": settings} | parts.get("health", {})
@@ -50,6 +51,7 @@ def good(name="good", *, parameters=TOLD, findings=(), form="dataflash", mask=17
         format=form,
         position_known=known,
         coverage=coverage_of(**parts),
+        account=Account(flight=None, gps=gps),
         parameters=tuple(stated(parameter, 1.0, 0.01, "") for parameter in parameters),
         findings=tuple(finding if isinstance(finding, Finding) else found(finding) for finding in findings),
     )
@@ -161,10 +163,11 @@ def test_flights_to_repeat_are_named():
 
 def test_a_receiver_that_sees_no_satellite_is_not_sent_under_open_sky():
     """gps_interference flew indoors, by motion capture."""
-    blind = {"satellites_least": 0, "satellites_median": 0, "fix_share": 0.0, "hdop": None}
+    blind = GpsReading(satellites_least=0, satellites_median=0, fix_share=0.0)
+    cloudy = dataclasses.replace(blind, satellites_median=3)
     unknown = {"position_sigma": {"median": 900.0, "max": 2000.0}}
-    assert for_craft([good("indoors", health=unknown | {"gps": blind}, known=False)]) == ()
-    assert for_craft([good("cloudy", health=unknown | {"gps": blind | {"satellites_median": 3}}, known=False)]) != ()
+    assert for_craft([good("indoors", health=unknown, gps=blind, known=False)]) == ()
+    assert for_craft([good("cloudy", health=unknown, gps=cloudy, known=False)]) != ()
 
 
 def test_judging_flights_that_leave_the_range_are_advised_to_train():
