@@ -25,7 +25,7 @@ from reports.views import fleet as fleet_views
 from reports.views import log_words, summary
 from reports.views import models as views
 from reports.views.fleet import Insight, called, change_table, drift_sentences, drift_table, fleet_answer, insight
-from reports.views.flight import coverage_table, outside, settings, vehicle_facts
+from reports.views.flight import coverage_table, outside, settings, vehicle_details
 from reports.views.models import (
     MOST_ADVICE,
     average_table,
@@ -72,7 +72,7 @@ def craft_models_page(craft: Shown, numbers: FleetReport, place: int, script_fil
         coverage_findings=coverage_findings,
         outside=outside(report.coverage),
         covered=covered,
-        vehicle=vehicle_facts(report.vehicle),
+        vehicle=vehicle_details(report.vehicle),
         drift=drift_table(report.drift),
         drift_findings=drift_findings,
         drift_sentences=drift_said,

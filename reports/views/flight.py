@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 
 from core.findings import Happening
@@ -19,30 +19,24 @@ from reports.views import log_words
 
 
 def happened(account: Account | None) -> Table | None:
-    """Lay out what happened; an advice that was given in a row before is not repeated."""
-    return None if account is None or not account.notable else _table(account, _advised(account))
+    """Lay out what happened, with the advice that each has."""
+    return None if account is None or not account.notable else _table(account, account.notable)
 
 
 def reported(account: Account | None) -> Table | None:
     """Lay out what was only reported."""
     quiet = [] if account is None else [happening for happening in account.happenings if not happening.notable]
     # Most rows of what was only reported.
-    return None if account is None or not quiet else _table(account, ((happening, "") for happening in quiet[:40]))
+    return None if account is None or not quiet else _table(account, quiet[:40])
 
 
-def _advised(account: Account) -> Iterator[tuple[Happening, str]]:
-    given: set[str] = set()
-    for happening in account.notable:
-        yield happening, "" if happening.advice in given else happening.advice
-        given.add(happening.advice)
-
-
-def _table(account: Account, rows: Iterable[tuple[Happening, str]]) -> Table:
+def _table(account: Account, happenings: Iterable[Happening]) -> Table:
     heads = ["log (s)", "for", "what", "evidence and what to do"]
-    return Table("in flight", heads, [_row(account, *row) for row in rows], texts=(2, 3), style="events")
+    rows = [_row(account, happening) for happening in happenings]
+    return Table("in flight", heads, rows, texts=(2, 3), style="events")
 
 
-def _row(account: Account, happening: Happening, advice: str) -> Row:
+def _row(account: Account, happening: Happening) -> Row:
     t, end, flight, severity = happening.t, happening.end, account.flight, happening.severity
     return Row(
         "" if flight is None or t < flight.start else duration(t - flight.start),
@@ -50,7 +44,7 @@ def _row(account: Account, happening: Happening, advice: str) -> Row:
             f"{t:.1f}",
             f"{number(end - t, 2)} s" if end - t > 0.05 else "",
             Cell(happening.id.replace("-", " "), severity, badge=severity.word),
-            Cell(happening.reason, under=advice),
+            Cell(happening.reason, under=happening.advice if happening.notable else ""),
         ],
     )
 
@@ -140,7 +134,7 @@ Fact = tuple[str, str]
 
 def log_details(numbers: FlightReport) -> list[tuple[str, list[Fact]]]:
     """Return what is folded away at the end of the page of a flight: title and rows."""
-    return [("The log", _log_details(numbers.log)), ("The craft", _vehicle_details(numbers.vehicle))]
+    return [("The log", _log_details(numbers.log)), ("The craft", vehicle_details(numbers.vehicle))]
 
 
 def estimate_details(numbers: FlightReport) -> list[tuple[str, list[Fact]]]:
@@ -173,7 +167,8 @@ def _log_details(log: LogFacts) -> list[Fact]:
     ]
 
 
-def _vehicle_details(vehicle: Vehicle) -> list[Fact]:
+def vehicle_details(vehicle: Vehicle) -> list[Fact]:
+    """Describe a craft by what its logs say of it."""
     rows = [
         (name.replace("_", " "), number(value, 4) if isinstance(value, float) else str(value))
         for name, value in ((field.name, getattr(vehicle, field.name)) for field in fields(vehicle))
@@ -218,21 +213,3 @@ def _shown(value: object) -> str:
     if isinstance(value, float):
         return number(value, 4)
     return "not determined" if value is None else str(value)
-
-
-def vehicle_facts(vehicle: Vehicle) -> list[tuple[str, str]]:
-    """Describe a craft by what its logs say of it."""
-    spin = (vehicle.spin_arm, vehicle.spin_min, vehicle.spin_max)
-    facts = [
-        ("frame", log_words.frame(vehicle) + (f", {len(vehicle.motors)} motors" if vehicle.motors else "")),
-        ("firmware", log_words.firmware(vehicle) or "not described"),
-        ("board", vehicle.board_id or ""),
-        ("motor outputs", _pair(vehicle.pwm_min, vehicle.pwm_max, "µs")),
-        ("spin when armed, least, most", ", ".join(number(value, 2) for value in spin)),
-        ("thrust curve (MOT_THST_EXPO)", number(vehicle.thrust_expo, 3)),
-    ]
-    return [(name, text) for name, text in facts if text]
-
-
-def _pair(low: float | None, high: float | None, unit: str) -> str:
-    return "" if low is None or high is None else f"{number(low, 4)} to {number(high, 4)} {unit}"
