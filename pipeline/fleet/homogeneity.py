@@ -215,10 +215,6 @@ def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
     return kept
 
 
-#: Flights that begin within this distance of each other are at one place, m.
-ONE_PLACE = 2000.0
-
-
 def day_of(flight: FlightEntry) -> str:
     """Day on which a flight took off, by the sun where it did; empty where the log does not tell."""
     start = took_off(flight)
@@ -239,7 +235,8 @@ def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
         if place is None:
             numbers[flight.name] = -1
             continue
-        near = [k for k, centre in enumerate(centres) if _distance(place, centre) < ONE_PLACE]
+        # Flights that begin within this distance of each other are at one place, m.
+        near = [k for k, centre in enumerate(centres) if _distance(place, centre) < 2000.0]
         if not near:
             centres.append(place)
         numbers[flight.name] = near[0] if near else len(centres) - 1

@@ -136,12 +136,6 @@ DRAG_ERROR = 0.15
 #: Slowest and fastest legs that are asked for, m/s: slower ones are hover, faster ones need more room than most have.
 SLOW_LEG, FAST_LEG = 3, 12
 
-#: Standard error of the wind above which turns on the spot pay, m/s.
-WIND_ERROR = 0.3
-
-#: Sectors of 45 degrees that turns should reach: a quarter turn to either side.
-FEW_HEADINGS = 3
-
 #: Flights of one craft that make a joint model: 4 leave the error on unseen ones 12 % above that of the best model.
 ENOUGH = 4
 
@@ -259,9 +253,11 @@ def _turns(flights: Sequence[FlightEntry], total: int, determined: Collection[st
         flight
         for flight in flights
         if (known := flight.coverage) is not None
-        and known.excitation.headings < FEW_HEADINGS
+        # Sectors of 45 degrees that turns should reach: a quarter turn to either side.
+        and known.excitation.headings < 3
         and known.wind is not None
-        and (known.wind.sigma is None or known.wind.sigma > WIND_ERROR)
+        # Standard error of the wind above which turns on the spot pay, m/s.
+        and (known.wind.sigma is None or known.wind.sigma > 0.3)
     ]
     if not held or len(held) <= total // 2:
         return

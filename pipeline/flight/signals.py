@@ -20,8 +20,6 @@ Floats = NDArray[np.float64]
 
 #: Most points of a line.
 _MOST = 3000
-#: Test ratio at which ArduPilot's failsafe counts (FS_EKF_THRESH).
-_RATIO = 0.8
 
 
 def flight_signals(readings: Readings) -> FlightSignals:
@@ -176,7 +174,8 @@ def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, 
         frame = frame[frame[lane] == frame[lane].min()]
     columns = {f"{quantity}_test_ratio": title for quantity, title in _PX4.items()} if px4 else _ARDUPILOT
     lines = [_line(title, frame[column], flight) for column, title in columns.items() if column in frame]
-    return _panel("test ratio", "", lines, {"refused above": 1.0} if px4 else {"FS_EKF_THRESH": _RATIO})
+    # Test ratio at which ArduPilot's failsafe counts (FS_EKF_THRESH).
+    return _panel("test ratio", "", lines, {"refused above": 1.0} if px4 else {"FS_EKF_THRESH": 0.8})
 
 
 def _compass(tables: Tables, flight: Span) -> tuple[Panel, ...]:

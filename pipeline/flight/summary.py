@@ -119,9 +119,6 @@ def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...
 #: The row with a flight's battery voltage carries this method.
 BATTERY = "battery monitor"
 
-#: A method whose column "sigma" is the spread over instants, not the standard error of the value.
-_SPREAD = METHODS[2]
-
 #: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
 WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[3])
 
@@ -139,7 +136,8 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
             parameter, method = (str(part) for part in key)
             value, sigma = float(row["value"]), float(row["sigma"])
             # The headline is one of the methods' own.
-            if method in (_SPREAD, HEADLINE) or (parameter, method) == WIND_AS_DRAG:
+            # A method whose column "sigma" is the spread over instants, not the standard error of the value.
+            if method in (METHODS[2], HEADLINE) or (parameter, method) == WIND_AS_DRAG:
                 continue
             if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue

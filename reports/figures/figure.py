@@ -34,8 +34,6 @@ else:
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
 MOST_POINTS = 1500
-#: Height of a row of names above a plot, pixels.
-_ROW = 18
 
 #: Colour of each kind of model, everywhere; further kinds share the last.
 MODEL_COLORS = {"motors": "@own", "mixer": "@mixer", "reference": "@joint", "rigid_body": "@body"}
@@ -78,7 +76,8 @@ class Figure:
         """Place the legend above a row of names over the plot; Plotly makes room for the rows that it takes."""
         edges = self.layout["margin"]
         inner = max(self.height - edges["t"] - edges["b"], 1)
-        return {"legend": self.layout["legend"] | {"y": 1.0 + _ROW / inner, "yanchor": "bottom"}}
+        # Height of a row of names above a plot, pixels.
+        return {"legend": self.layout["legend"] | {"y": 1.0 + 18 / inner, "yanchor": "bottom"}}
 
     def plotly(self) -> go.Figure:
         """Return Plotly's own figure, for notebooks."""

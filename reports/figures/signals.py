@@ -29,8 +29,6 @@ from reports.figures.figure import (
 )
 
 _OWN = {"asked": "@own", "flown": "@ink"}
-#: Points of a line that are drawn: its own, which are thinned already.
-_EVERY = 1_000_000
 
 _CAPTIONS = {
     "attitude": "Attitude asked for and flown. They should lie on each other; where they part, the craft "
@@ -99,7 +97,8 @@ def signal_figure(result: FlightResult, name: str, most: int) -> Figure | None:
 def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequence[Drawn]) -> Figure:
     """Draw panels below each other over one axis of time."""
     axis = {"title": {"font": {"size": 11}}, "nticks": 5}
-    plot = over_time(panels, time_axis(margin(flight)), colors=_OWN, axis=axis, most=_EVERY, width=1.2)
+    # Points of a line that are drawn: its own, which are thinned already.
+    plot = over_time(panels, time_axis(margin(flight)), colors=_OWN, axis=axis, most=1_000_000, width=1.2)
     plot.shapes = [*happened, *plot.shapes]
     named = {signal.name for panel in panels for signal in panel.signals}
     caption = _ALONE[name] if name in _ALONE and "asked" not in named else _CAPTIONS[name]

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from pipeline.storage.sources import FoundFiles, Source
 
 _DEFAULT = AnalysisConfig()
-#: Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
-_SEVERAL_FOUND = 0.2
 
 
 class PlotFormat(StrEnum):
@@ -136,7 +134,8 @@ def analyze(
     begun = 0.0
     if single and not chosen:
         _one_flight(files.sources[0], Path(out), config, as_json, plots, flight)
-        begun = _SEVERAL_FOUND
+        # Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
+        begun = 0.2
     sizes = [source.size for source in files.sources if source.named or source.called_a_log]
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if scheduler is not None:

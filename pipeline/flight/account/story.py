@@ -17,8 +17,6 @@ _CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "gps-lost", "gps-glitch
 _REMARKS = frozenset(("height-estimate-wrong", "vibration", "gps-glitch", "autopilot-error"))
 #: A boot clock beyond this [s] is hard to read; times are then since take-off only.
 _READABLE = 36_000.0
-#: Longest time [s] between the end of a cause and the beginning of what it led to.
-_LED_TO = 3.0
 
 
 def gravest_first(happenings: Sequence[Happening]) -> tuple[Happening, ...]:
@@ -54,7 +52,8 @@ def _is_remark(happening: Happening) -> bool:
 
 
 def _leads(cause: Happening, effect: Happening) -> bool:
-    return cause.t < effect.t <= cause.end + _LED_TO
+    # Longest time [s] between the end of a cause and the beginning of what it led to.
+    return cause.t < effect.t <= cause.end + 3.0
 
 
 def _clock(t: float, flight: Span | None) -> str:
