@@ -182,7 +182,7 @@ def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], F
         counts[row.method] = counts.get(row.method, 0) + 1
     method = max(counts, key=lambda name: counts[name], default="")
     chosen = [(flight, row) for flight, row in sure if row.method == method]
-    volts = [_voltage(flight) for flight, _ in chosen]
+    volts = [next((row.value for row in flight.parameters if row.method == BATTERY), None) for flight, _ in chosen]
     # Motors at full command give thrust with the square of the voltage, which is each flight's own.
     known = quantity == "thrust over mass" and all(volt is not None for volt in volts)
     values = [
@@ -191,10 +191,6 @@ def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], F
     ]
     errors = [row.sigma / row.value for _, row in chosen]
     return [flight.name for flight, _ in chosen], np.array(values), np.array(errors)
-
-
-def _voltage(flight: FlightEntry) -> float | None:
-    return next((row.value for row in flight.parameters if row.method == BATTERY), None)
 
 
 def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:

@@ -196,7 +196,7 @@ def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Movement:
     # Sectors are centred on the points of the compass, so that a heading held north is one of them.
     sectors = np.rint(yaw * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
     return Movement(
-        acceleration_rms=_rms(change),
+        acceleration_rms=float(np.sqrt(np.mean(np.sum(change**2, axis=1)))),
         # Errors a second apart are taken as independent, which can only make the noise larger than it is.
         acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt))
         if len(sigma)
@@ -206,10 +206,6 @@ def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Movement:
         headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= 3.0)),
         axes=_axes(context, round(1.0 / dt)),
     )
-
-
-def _rms(vectors: Floats) -> float:
-    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
 def _axes(context: pd.DataFrame, per_second: int) -> dict[str, AxisExcitation]:

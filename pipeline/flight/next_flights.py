@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from pipeline.results.drift import Drift
     from pipeline.results.fleet import FlightEntry
     from pipeline.results.flight import FlightResult
-    from pipeline.results.rotation import AxisRotation
     from sysid import PhysicalParameters
 
 
@@ -95,22 +94,19 @@ def _margins(result: FlightResult) -> Iterator[Advice]:
     """Ask for chirps where margins of loops are not measured."""
     if isinstance(result.rotation, Failure):
         return
-    loopless = [axis for axis in result.rotation.axes if axis.loop is None or axis.loop.ordinary]
+    loopless = [axis.axis for axis in result.rotation.axes if axis.loop is None or axis.loop.ordinary]
     if loopless and _has_systemid(result):
+        chirps = joined([f"{MIXER_CHIRPS[axis]} for {axis}" for axis in loopless])
         yield Advice(
             id="chirps-for-margins",
             rank=26,
             do="Fly mode SYSTEMID for two minutes with a chirp at the mixer on one axis after the other "
-            f"(SID_AXIS {_chirps(loopless)}; rotorid design --for rates writes the parameters)"
+            f"(SID_AXIS {chirps}; rotorid design --for rates writes the parameters)"
             + _logged(result, Need.FAST_RATES, Need.PID),
-            why=f"margins of the {joined([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
+            why=f"margins of the {joined(loopless)} loop{'s' if len(loopless) > 1 else ''} "
             "are not measured: ordinary flying shows them through the craft's model at most",
             gain="gain and phase margins with errors, from which rotorid tune proposes gains",
         )
-
-
-def _chirps(axes: list[AxisRotation]) -> str:
-    return joined([f"{MIXER_CHIRPS[axis.axis]} for {axis.axis}" for axis in axes])
 
 
 def _logged(result: FlightResult, *needs: Need) -> str:

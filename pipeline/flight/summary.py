@@ -24,7 +24,7 @@ from pipeline.flight.kinds import THRUST_KEY
 from pipeline.flight.rotation import curve_of
 from pipeline.names import printable
 from pipeline.results.failure import Failure, present
-from pipeline.results.fleet import FlightEntry, FlightParameter, ResponseCurve
+from pipeline.results.fleet import FlightEntry, FlightParameter
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model import ModelsFile, OwnedModels, verdict_of
 from pipeline.results.report import (
@@ -74,7 +74,7 @@ def flight_entry(
         build=build_of(vehicle),
         tune=dict(result.tune),
         parameters=tuple(flight_parameters(result)),
-        responses=tuple(response_curves(result)),
+        responses=tuple(curve_of(rate, result.name) for _, rate in _determined(result)),
         trims=result.trims,
         account=present(result.account),
         autopilot=result.autopilot,
@@ -175,12 +175,6 @@ def _turning(result: FlightResult) -> Iterator[FlightParameter]:
                     sigma=parameter.sigma,
                     unit=parameter.unit,
                 )
-
-
-def response_curves(result: FlightResult) -> Iterator[ResponseCurve]:
-    """Yield the coherent part of the response of every axis whose gain is determined."""
-    for _, rate in _determined(result):
-        yield curve_of(rate, result.name)
 
 
 def _determined(result: FlightResult) -> Iterator[tuple[str, FittedResponse]]:

@@ -336,7 +336,8 @@ def marks(
     hover: str = "",
 ) -> Trace:
     """Draw points with one standard error; `x` may be dates or names, `text` says of each what it is."""
-    trace: Trace = {"type": "scatter", "mode": "markers", "x": _places(x)}
+    named = isinstance(x, list) and x and isinstance(x[0], str)
+    trace: Trace = {"type": "scatter", "mode": "markers", "x": x if named else digits(x, 6)}
     trace |= {"y": digits(y, 5), "name": plotly_text(name)}
     trace["marker"] = {"color": color, "size": size, "symbol": symbol, "line": {"color": color, "width": 2}}
     if sigma is not None:
@@ -344,10 +345,6 @@ def marks(
     if text:
         trace["text"] = [plotly_text(label) for label in text]
     return trace | ({"hovertemplate": hover} if hover else {})
-
-
-def _places(x: ArrayLike | list[str]) -> list[Any]:
-    return x if isinstance(x, list) and x and isinstance(x[0], str) else digits(x, 6)
 
 
 def area(

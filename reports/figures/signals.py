@@ -53,7 +53,8 @@ def signal_figures(result: FlightResult) -> list[Figure]:
     if isinstance(result.signals, Failure) or isinstance(result.flight, Failure):
         return []
     signals = result.signals
-    marks = _marks(result)
+    marks, account = _marks(result), present(result.account)
+    sag = None if account is None or account.battery is None else account.battery.sag
     figures = [
         _stacked(name, panels, result.flight, marks)
         for name, panels in (
@@ -68,9 +69,7 @@ def signal_figures(result: FlightResult) -> list[Figure]:
         if panels
     ]
     figures = [
-        replace(figure, caption=f"{figure.caption} {_sagging(_sag(result))}")
-        if figure.id == "health-battery"
-        else figure
+        replace(figure, caption=f"{figure.caption} {_sagging(sag)}") if figure.id == "health-battery" else figure
         for figure in figures
     ]
     if signals.spectrum is not None:
@@ -104,11 +103,6 @@ def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequenc
     caption = _ALONE[name] if name in _ALONE and "asked" not in named else _CAPTIONS[name]
     caption += " Dotted: when something happened." if happened else ""
     return plot.figure(f"health-{name}", caption, 120 + 110 * len(panels), time=True)
-
-
-def _sag(result: FlightResult) -> Parameter | None:
-    account = present(result.account)
-    return None if account is None or account.battery is None else account.battery.sag
 
 
 def _marks(result: FlightResult) -> list[Drawn]:

@@ -36,7 +36,11 @@ def tell_story(ordered: Sequence[Happening]) -> tuple[Happening, ...]:
         before = [
             finding
             for finding in ordered
-            if finding.id in _CAUSES and finding.notable and not _is_remark(finding) and _leads(finding, chain[0])
+            if finding.id in _CAUSES
+            and finding.notable
+            and not _is_remark(finding)
+            # Longest time [s] between the end of a cause and the beginning of what it led to.
+            and finding.t < chain[0].t <= finding.end + 3.0
         ]
         if not before:
             break
@@ -49,11 +53,6 @@ def tell_story(ordered: Sequence[Happening]) -> tuple[Happening, ...]:
 
 def _is_remark(happening: Happening) -> bool:
     return happening.id in _REMARKS and happening.severity is not Severity.ERROR
-
-
-def _leads(cause: Happening, effect: Happening) -> bool:
-    # Longest time [s] between the end of a cause and the beginning of what it led to.
-    return cause.t < effect.t <= cause.end + 3.0
 
 
 def _clock(t: float, flight: Span | None) -> str:
