@@ -281,7 +281,7 @@ def _join(task: Task, progress: TaskProgress) -> None:
         file.rename(task.folder / file.name)
     body = next((model.model for model in crafts.fitted[craft].models if model.key == kinds.RIGID_BODY_KEY), None)
     if isinstance(body, sysid.RigidBodyModel):
-        sysid.write_craft(body, task.folder, config.mass)
+        sysid.write_craft(body, task.folder)
 
 
 @dataclass(frozen=True, slots=True)

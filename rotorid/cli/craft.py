@@ -76,7 +76,7 @@ def craft(
             priors = sysid.analyse_bench(sysid.read_bench(bench)).priors(mass, records[0].vehicle)
         body = sysid.fit_rigid_body(records, mass=mass, priors=priors)
         parameters = sysid.physical_parameters(records, mass, arm=arm, rigid_body=body)
-    files, findings = sysid.write_craft(body, out, mass, arm=arm, disc_area=disc_area)
+    files, findings = sysid.write_craft(body, out, arm=arm, disc_area=disc_area)
     parameters.table.to_csv(out / "parameters.csv")
     page = parameters_page(parameters, records[0].vehicle, [path.name for path in logs], mass, findings)
     (out / "craft.html").write_text(page, encoding="utf-8")

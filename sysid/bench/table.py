@@ -171,15 +171,18 @@ def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Find
     return rows[measured], float(np.median(air)) if len(air) else None, findings
 
 
+def doubtful(reason: str, advice: str, evidence: dict[str, float | str]) -> Finding:
+    """Warn of what was measured."""
+    return Finding("table-doubtful", Severity.WARNING, reason, advice, evidence)
+
+
 def _unread(file: str, lines: Sequence[int]) -> list[Finding]:
     """Name the lines without both PWM and thrust."""
     if not lines:
         return []
     where = ", ".join(str(line) for line in lines[:5]) + (" ..." if len(lines) > 5 else "")
     return [
-        Finding(
-            "table-doubtful",
-            Severity.WARNING,
+        doubtful(
             f"{file}: {len(lines)} row(s) without PWM and thrust as numbers (line {where}); left out",
             "fill in what the stand measured, or delete these lines",
             {"file": file, "rows": len(lines)},
@@ -265,9 +268,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
         if count:
             where = ", ".join(f"{pwm:.0f}" for pwm in rows.loc[bad, "pwm"].head(5))
             findings.append(
-                Finding(
-                    "table-doubtful",
-                    Severity.WARNING,
+                doubtful(
                     f"motor {motor}: {count} row(s) {what} (PWM {where}{' ...' if count > 5 else ''} us); left out",
                     advice,
                     {"motor": motor, "rows": count},
@@ -334,9 +335,7 @@ def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
     if ratio <= 1.0:
         return []
     return [
-        Finding(
-            "table-doubtful",
-            Severity.WARNING,
+        doubtful(
             f"motor {motor}: the shaft gives {ratio:.1f} times the power that the battery puts in",
             "check the units of torque, speed and current, and the motor's pole count",
             {"motor": motor, "ratio": ratio},
