@@ -59,7 +59,9 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         When no motor moves or the records differ in kind.
     """
     records = require_alike(experiments)
-    require_specific_force(records, mass)
+    if mass is not None and not mass > 0.0:
+        raise ExperimentError(f"mass must be positive, not {mass} kg")
+    require_specific_force(records)
     vehicle, reference, findings = conditions_of(records)
     findings += outputs_of(records, vehicle)
     blocks = [blocks_of(record, vehicle, reference) for record in records]
