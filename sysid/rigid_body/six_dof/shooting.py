@@ -27,8 +27,6 @@ class ShootingFit:
     #: shape (P, P): Of fits without one block of neighbouring runs, so that it holds for coloured errors.
     covariance: Floats
     information: Floats  #: shape (P, P): Of the errors, without priors.
-    scales: Floats  #: shape (M, 4): Spread of errors of position, velocity, attitude, rates at each horizon.
-    cost: float
 
 
 def state_errors(predicted: Floats, measured: Floats) -> Floats:
@@ -88,7 +86,7 @@ def minimise(
     """
     values = np.clip(start, *limits)
     errors = errors_of(values)
-    scales, damping, cost = spreads(errors), 0.0, np.inf
+    damping = 0.0
     for _ in range(iterations):
         scales = spreads(errors)
         weights = [_weights(error, scales) for error in errors]
@@ -119,8 +117,6 @@ def minimise(
         values=values,
         covariance=_jackknife(slopes, errors, weights, scales, block, prior_sigma),
         information=information,
-        scales=scales,
-        cost=_cost(errors, weights) / max(sum(error.size for error in errors), 1),
     )
 
 
