@@ -110,7 +110,8 @@ def analyze_fleet(
         gone, folders = {record.folder for record in former.removed}, {record.folder for record in records}
         set_aside(store, [record for record in removed if record.folder not in gone])
         bring_back(store, [record for record in former.removed if record.folder in folders])
-        flights = _flights(records, {**known, **new})
+        ordered = (known.get(record.url) or new.get(record.url) for record in records)
+        flights = tuple(entry for outcome in ordered if isinstance(outcome, tuple) for entry in outcome)
         together = part_of(progress, own, 0.99)
         crafts = _crafts(flights, former, run, together, executor)
         manifest = Manifest(
@@ -248,11 +249,6 @@ def _with(record: FileRecord, outcome: Outcome) -> FileRecord:
     if outcome is None:
         return replace(record, state="no log", reason="no flight log", folder="")
     return replace(record, state="failed" if outcome.lasting else "interrupted", reason=outcome.reason, folder="")
-
-
-def _flights(records: Sequence[FileRecord], outcomes: Mapping[str, Outcome]) -> tuple[FlightEntry, ...]:
-    ordered = (outcomes.get(record.url) for record in records)
-    return tuple(entry for outcome in ordered if isinstance(outcome, tuple) for entry in outcome)
 
 
 def _crafts(

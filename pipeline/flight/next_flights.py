@@ -47,7 +47,9 @@ def for_craft(
     flights = in_order(entries)
     determined = {row.parameter for flight in flights for row in flight.parameters}
     if parameters is not None:
-        determined |= _determined(parameters)
+        # By a method that does not take wind for drag.
+        known = parameters.table[parameters.table["value"].notna()]
+        determined |= {str(name) for name, method in known.index if (name, method) != WIND_AS_DRAG}
     recommended = [*logging(flights, determined), *flying(flights, envelope, determined), *_craft(flights, drift)]
     return tuple(sorted(recommended, key=lambda advice: advice.rank)[:MOST])
 
@@ -58,12 +60,6 @@ def for_flight(result: FlightResult) -> tuple[Advice, ...]:
         return ()
     recommended = for_craft([flight_entry(result)])
     return tuple(sorted([*recommended, *_margins(result)], key=lambda advice: advice.rank)[:MOST])
-
-
-def _determined(parameters: PhysicalParameters) -> set[str]:
-    """Name what several flights together tell, by a method that does not take wind for drag."""
-    table = parameters.table[parameters.table["value"].notna()]
-    return {str(name) for name, method in table.index if (name, method) != WIND_AS_DRAG}
 
 
 def _craft(flights: Sequence[FlightEntry], drift: Drift | None) -> Iterator[Advice]:
@@ -148,7 +144,10 @@ _TELLS = {
 
 def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, determined: Collection[str]) -> Iterator[Advice]:
     """Advise on flying."""
-    lost = _lost(flights)
+    # Their position is too uncertain to say anything of their speeds.
+    lost = [
+        flight for flight in flights if flight.coverage and (not flight.position_known or not position_good(flight))
+    ]
     measured = [flight for flight in flights if flight.coverage and flight not in lost]
     yield from _repeat(flights, [flight for flight in lost if _under_the_sky(flight)])
     yield from _drag(measured, len(flights), determined)
@@ -157,13 +156,6 @@ def flying(flights: Sequence[FlightEntry], envelope: Envelope | None, determined
     if envelope is not None:
         yield from _extrapolated(envelope)
         yield from _more(envelope)
-
-
-def _lost(flights: Sequence[FlightEntry]) -> list[FlightEntry]:
-    """Choose the flights whose position is too uncertain to say anything of their speeds."""
-    return [
-        flight for flight in flights if flight.coverage and (not flight.position_known or not position_good(flight))
-    ]
 
 
 def _under_the_sky(flight: FlightEntry) -> bool:

@@ -3,7 +3,7 @@
 Neither this nor the trajectory waits for the other, so that a copy of the process can do it on a second processor.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -19,7 +19,6 @@ from pipeline.results.rotation import RotationResult
 from pipeline.results.span import Span
 from sysid.autopilot.gathering import gain_values
 from sysid.autopilot.values import AutopilotValue
-from sysid.loops.loop import RateLoop
 from sysid.loops.tuning import tune_known
 from sysid.rotors.motor_faults.outputs import check_outputs
 from sysid.rotors.motor_faults.trims import steady_trims, weak_from_start
@@ -74,25 +73,18 @@ def _look(log: FlightLog, sound: Span | Failure, part: Span | Failure, stages: S
 def _rotation_and_gains(
     log: FlightLog, part: Span, stages: Stages
 ) -> tuple[RotationResult | Failure, tuple[AutopilotValue, ...]]:
-    """Estimate how the craft turns, and the gains that its loops propose."""
+    """Estimate how the craft turns, and the gains that chirps propose to the autopilot.
+
+    Gains from ordinary flying are left to `rotorid tune`: without chirps most are refused.
+    """
     result = stages.run("rotation", lambda _: find_rotation(log, part))
     if isinstance(result, Failure):
         return result, ()
     rotation, loops = result
-    return rotation, _gains(log, rotation, loops, stages)
-
-
-def _gains(
-    log: FlightLog, rotation: RotationResult, loops: Mapping[str, RateLoop], stages: Stages
-) -> tuple[AutopilotValue, ...]:
-    """Return the gains that chirps propose to the autopilot, from the loops whose margins the rotation has.
-
-    Gains from ordinary flying are left to `rotorid tune`: without chirps most are refused.
-    """
     if not any(axis.loop is not None and not axis.loop.ordinary for axis in rotation.axes):
-        return ()
+        return rotation, ()
     proposed = stages.run("advice", lambda _: tuple(gain_values(tune_known(log, loops), log.parameters_flown)))
-    return present(proposed) or ()
+    return rotation, present(proposed) or ()
 
 
 def _motors(log: FlightLog, sound: Span) -> tuple[SteadyTrims | None, tuple[Finding, ...]]:

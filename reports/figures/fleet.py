@@ -104,8 +104,8 @@ def speed_and_height(coverage: Envelope, name: str) -> Figure | None:
         columns = range(min(cell[0] for cell in cells.training), max(cell[0] for cell in cells.training) + 1)
         rows = range(min(cell[1] for cell in cells.training), max(cell[1] for cell in cells.training) + 1)
         seconds = {(i, j): value for i, j, value in cells.training}
-        z = [[_log(seconds.get((i, j))) for i in columns] for j in rows]
-        known = [value for row in z for value in row if value is not None]
+        logs = {cell: round(math.log10(max(value, _LEAST)), 3) for cell, value in seconds.items() if value}
+        z, known = [[logs.get((i, j)) for i in columns] for j in rows], list(logs.values())
         ticks = list(range(math.floor(min(known)), math.ceil(max(known)) + 1))
         scale = {"title": {"text": "fitted (s)", "side": "top"}, "thickness": 12, "outlinewidth": 0}
         scale |= {"tickvals": ticks, "ticktext": [f"{10.0**tick:g}" for tick in ticks]}
@@ -325,10 +325,6 @@ def motors_over_flights(drift: Drift, name: str, lines: Sequence[Drawn]) -> Figu
         "asked from flight to flight, of all others a little less."
     )
     return plot.figure(name, caption, 330, margin={"l": 78})
-
-
-def _log(seconds: float | None) -> float | None:
-    return None if not seconds else round(math.log10(max(seconds, _LEAST)), 3)
 
 
 def _short(value: float | None) -> Any:

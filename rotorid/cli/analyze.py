@@ -3,10 +3,9 @@
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated, Literal, NoReturn
 
 import typer
 
@@ -22,15 +21,9 @@ if TYPE_CHECKING:
     from pipeline.results.flight import FlightResult
     from pipeline.results.report import FleetReport, FlightReport
     from pipeline.storage.sources import FoundFiles, Source
+    from reports.files.plot_images import ImageFormat
 
 _DEFAULT = AnalysisConfig()
-
-
-class PlotFormat(StrEnum):
-    """Formats of plots as files."""
-
-    PNG = "png"
-    SVG = "svg"
 
 
 def analyze(
@@ -72,7 +65,7 @@ def analyze(
         ),
     ] = None,
     plots: Annotated[
-        PlotFormat | None,
+        Literal["png", "svg"] | None,
         typer.Option(help="Also write the plots of each flight as files, below plots/ beside its report."),
     ] = None,
     columns: Annotated[
@@ -225,7 +218,7 @@ def _one_flight(
     out: Path,
     config: AnalysisConfig,
     as_json: bool,
-    plots: "PlotFormat | None" = None,
+    plots: "ImageFormat | None" = None,
     flight: int | None = None,
 ) -> None:
     """Analyse a log of one flight, or one of its flights, write the report and end; come back where there are more."""
@@ -268,7 +261,7 @@ def _one_flight(
             raise
         advance("report", 0.0)
         try:
-            report = reports.write(result, out, None if plots is None else plots.value)
+            report = reports.write(result, out, plots)
             entry = flight_entry(result, folder=".", source=str(source.url), key=result.log.sha256)
             write_entry(entry, out)
         except OSError as error:  # the disk is full, for one: what was found must not go with it
@@ -334,7 +327,7 @@ def _several_logs(
     workers: "AbstractContextManager[Executor | None]",
     redo: bool,
     as_json: bool,
-    plots: "PlotFormat | None",
+    plots: "ImageFormat | None",
     begun: float,
 ) -> None:
     """Analyse what is new among logs and write the report on all, unless it stands already.
@@ -345,7 +338,7 @@ def _several_logs(
     import reports
     from pipeline.execution.progress import part_of, shown
 
-    publish = reports.publish if plots is None else partial(reports.publish, plots=plots.value)
+    publish = reports.publish if plots is None else partial(reports.publish, plots=plots)
     with shown() as progress, workers as executor:
         rest = part_of(progress, begun, 1.0)
         announce = None if as_json else partial(_announce_flight, out)

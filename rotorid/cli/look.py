@@ -1,9 +1,8 @@
 """``rotorid inspect``, ``plot`` and ``export``: what is in a log."""
 
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -91,14 +90,6 @@ def plot(
 _FASTEST_TABLE = 50.0
 
 
-class TableFormat(StrEnum):
-    """Formats that tables are exported to."""
-
-    PARQUET = "parquet"
-    CSV = "csv"
-    MAT = "mat"
-
-
 def export(
     logs: Annotated[
         list[Path], typer.Argument(callback=existing_log, help="A log of any format; with --autopilot all of a craft.")
@@ -108,8 +99,9 @@ def export(
         typer.Option(help="Folder for the files; made when missing. Default: out/NAME, of the log."),
     ] = None,
     table_format: Annotated[
-        TableFormat, typer.Option("--format", help="parquet and csv: a file for each table; mat: one file for MATLAB.")
-    ] = TableFormat.PARQUET,
+        Literal["parquet", "csv", "mat"],
+        typer.Option("--format", help="parquet and csv: a file for each table; mat: one file for MATLAB."),
+    ] = "parquet",
     messages: Annotated[
         list[str] | None,
         typer.Option(
@@ -160,7 +152,7 @@ def export(
         for file in _table(flight_log, folder, table_format, (start, end), rate, bool(names)):
             typer.echo(file)
         return
-    files = write_tables(flight_log, folder, format=table_format.value, messages=names or None, start=start, stop=end)
+    files = write_tables(flight_log, folder, format=table_format, messages=names or None, start=start, stop=end)
     for file in files:
         typer.echo(file)
 
@@ -168,7 +160,7 @@ def export(
 def _table(
     log: "FlightLog",
     folder: Path,
-    table_format: TableFormat,
+    table_format: str,
     within: tuple[float | None, float | None],
     rate: float | None,
     messages: bool,
@@ -179,7 +171,7 @@ def _table(
     from sysid import Experiment
     from sysid.records.table_export import write_table
 
-    if table_format is TableFormat.MAT or messages:
+    if table_format == "mat" or messages:
         raise typer.BadParameter("--table writes parquet or csv, and no messages")
     trajectory = estimation.estimate(log.tables, date=log.start_utc)
     first, last = (
@@ -189,7 +181,7 @@ def _table(
     if rate is None:  # rows between those of the motors are nobody's measurements: a fit finds no thrust in them
         rate = _FASTEST_TABLE if log.tables.motors is None else min(rate_of(log.tables.motors), _FASTEST_TABLE)
     record = Experiment.from_flight(log, trajectory, rate, within=(first, last))
-    return write_table(record, folder / f"{log.path.stem}.{table_format.value}")
+    return write_table(record, folder / f"{log.path.stem}.{table_format}")
 
 
 def _autopilot(logs: list[Path], folder: Path) -> None:

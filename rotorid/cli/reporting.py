@@ -1,8 +1,7 @@
 """``rotorid report``, ``compare`` and ``schema``: reports made before, shown, compared and described."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -84,18 +83,11 @@ def _name(path: Path) -> str:
     )
 
 
-class Subject(StrEnum):
-    """What can be described."""
-
-    REPORT = "report"
-    MODELS = "models"
-    FINDINGS = "findings"
-
-
 def schema(
-    subject: Annotated[Subject, typer.Argument(help="report.json, models.json, or the catalogue of findings.")] = (
-        Subject.REPORT
-    ),
+    subject: Annotated[
+        Literal["report", "models", "findings"],
+        typer.Argument(help="report.json, models.json, or the catalogue of findings."),
+    ] = "report",
 ) -> None:
     """Write to stdout the JSON Schema (2020-12) of a file that `rotorid analyze` writes, or docs/findings.md.
 
@@ -105,6 +97,4 @@ def schema(
     from core.serialization import as_json
     from reports.report_json import schema as schema_of
 
-    typer.echo(
-        read_catalogue().as_markdown() if subject == Subject.FINDINGS else as_json(schema_of(subject.value)), nl=False
-    )
+    typer.echo(read_catalogue().as_markdown() if subject == "findings" else as_json(schema_of(subject)), nl=False)
