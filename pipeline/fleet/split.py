@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING
 
 from pipeline.fleet.homogeneity import day_of, places_of, unlike_flights
 from pipeline.flight.training import excitation, exclusion_of
-from pipeline.results.fleet import Split, TrainingExclusion
+from pipeline.results.fleet import Split
 
 if TYPE_CHECKING:
     from pipeline.config import AnalysisConfig
@@ -87,7 +87,7 @@ def _by_user(flights: Sequence[FlightEntry], config: AnalysisConfig) -> Split:
     poor = {flight.name: reason for flight in flights if flight.name in training and (reason := exclusion_of(flight))}
     if poor:
         sentence += "; of those that train, " + ", ".join(
-            f"{name} teaches little ({why.reason})" for name, why in poor.items()
+            f"{name} teaches little ({why})" for name, why in poor.items()
         )
     return Split(
         training=tuple(training), held_out=tuple(held_out), judging=tuple(held_out), unused=neither, sentence=sentence
@@ -130,12 +130,12 @@ def _sentence(
     usable: Sequence[FlightEntry],
     chosen: Sequence[FlightEntry],
     held_out: Sequence[FlightEntry],
-    unable: Mapping[str, TrainingExclusion],
+    unable: Mapping[str, str],
     *,
     capped: bool,
 ) -> str:
     """Report how the flights were divided, with the numbers."""
-    never = "; ".join(f"{name} never trains: {unable[name].reason}" for name in sorted(unable)[:5])
+    never = "; ".join(f"{name} never trains: {unable[name]}" for name in sorted(unable)[:5])
     if len(unable) > 5:
         never += f"; {len(unable) - 5} more never train"
     if not chosen:

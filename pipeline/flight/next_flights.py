@@ -18,10 +18,9 @@ from logparse.formats import TELEMETRY
 from pipeline.flight.craft import in_order
 from pipeline.flight.logging_advice import logging
 from pipeline.flight.summary import WIND_AS_DRAG, flight_entry
-from pipeline.flight.training import exclusion_of, position_good, position_sigma
+from pipeline.flight.training import hardly_moves, position_good, position_sigma
 from pipeline.results.answer import Advice, names_of
 from pipeline.results.failure import Failure
-from pipeline.results.fleet import Exclusion
 from sysid.frequency.axes import MIXER_CHIRPS
 from sysid.rigid_body.model_record import LIGHT, TURBULENCE
 
@@ -186,13 +185,7 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
             gain="they can train and judge models of the motion, which they cannot now",
             flights=tuple(flight.name for flight in lost),
         )
-    still = [
-        flight
-        for flight in flights
-        if flight not in lost
-        and (exclusion := exclusion_of(flight))
-        and exclusion.exclusion is Exclusion.LITTLE_EXCITATION
-    ]
+    still = [flight for flight in flights if flight not in lost and hardly_moves(flight)]
     if still:
         yield Advice(
             id="repeat-with-movement",

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -89,13 +89,9 @@ def read_model(record: ModelRecord, vehicle: Vehicle | None = None) -> sysid.Mod
     return sysid.RigidBodyModel.from_record(record, vehicle)
 
 
-class InputTrim(StrEnum):
-    """About which inputs a linear model of the craft works."""
-
-    #: The mean of the inputs given, as in its validation: a flight that hovers, in air of its own.
-    OWN = "own"
-    #: The mean of the inputs that it was fitted to: new inputs, such as hover and a step on top.
-    TRAINING = "training"
+#: Inputs about which a linear model of the craft works: the mean of those given, as in its validation (a flight that
+#: hovers, in air of its own), or of those that it was fitted to (new inputs, such as hover and a step on top).
+Trim = Literal["own", "training"]
 
 
 def replay(
@@ -103,7 +99,7 @@ def replay(
     inputs: str | Path,
     wanted: str | None = None,
     progress: Progress | None = None,
-    trim: InputTrim | None = None,
+    trim: Trim | None = None,
 ) -> Replay:
     """Run stored models with the inputs of a log or of a CSV table.
 
@@ -147,7 +143,7 @@ Cut = Callable[[StoredModel], tuple[sysid.Model, sysid.Experiment, bool]]
 
 
 def _run(
-    chosen: Sequence[StoredModel], cut: Cut, progress: Progress, trim: InputTrim | None
+    chosen: Sequence[StoredModel], cut: Cut, progress: Progress, trim: Trim | None
 ) -> tuple[list[ModelResult], bool, list[str]]:
     """Run each model on what `cut` makes for it; say whether anything was measured, and what a reader must know."""
     results, notes, measured = [], [], False
@@ -156,7 +152,7 @@ def _run(
         progress(f"running {title}", 0.5 + 0.5 * number / len(chosen))
         try:
             model, record, known = cut(stored)
-            record, about = _about(record, model, trim or (InputTrim.OWN if known else InputTrim.TRAINING), title)
+            record, about = _about(record, model, trim or ("own" if known else "training"), title)
             notes += about
             if any(name == record.name or name.startswith(f"{record.name} [") for name in model.training):
                 notes.append(f"{title} was fitted to this flight or to a part of it: the comparison flatters it.")
@@ -214,13 +210,11 @@ def _from_rest(stored: StoredModel, model: sysid.Model, record: sysid.Experiment
     return model_result(stored.key, _title(stored), model, predictions=(part,))
 
 
-def _about(
-    record: sysid.Experiment, model: sysid.Model, trim: InputTrim, title: str
-) -> tuple[sysid.Experiment, list[str]]:
+def _about(record: sysid.Experiment, model: sysid.Model, trim: Trim, title: str) -> tuple[sysid.Experiment, list[str]]:
     """Return a record the trim that a linear model of the craft works about, and say which; others need none."""
     if not isinstance(model, sysid.TransferFunctionModel):
         return record, []
-    if trim is InputTrim.OWN:
+    if trim == "own":
         return record, [f"{title}: the model works about the mean of the inputs given, as in its validation."]
     if not model.input_trim:
         return record, [

@@ -13,7 +13,7 @@ import numpy as np
 from logparse import Finding, FlightLog, Severity
 from logparse.canonical.series import wrap
 from pipeline.results.account import Account
-from pipeline.results.fleet import Exclusion, FlightEntry, TrainingExclusion
+from pipeline.results.fleet import FlightEntry
 from pipeline.results.span import Span
 
 #: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
@@ -43,29 +43,33 @@ def _measured(value: float | None) -> float | None:
     return None if value is None or not math.isfinite(value) else float(value)
 
 
-def exclusion_of(flight: FlightEntry) -> TrainingExclusion | None:
-    """Return why a flight must not train; None when it may. What was not measured is no reason to trust it."""
-    sigma, moved = position_sigma(flight), excitation(flight)
+def excitation_noise(flight: FlightEntry) -> float | None:
+    """Return what the estimate's own noise makes of `excitation`, m/s^2; None where that was not measured."""
+    return None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_noise)
+
+
+def hardly_moves(flight: FlightEntry) -> bool:
+    """Return whether all that a flight shows is the noise of the estimate."""
+    moved, noise = excitation(flight), excitation_noise(flight)
+    return moved is not None and noise is not None and moved < LEAST_EXCITATION * noise
+
+
+def exclusion_of(flight: FlightEntry) -> str:
+    """Return why a flight must not train, as a clause; empty when it may. What was not measured is not trusted."""
+    sigma, moved, noise = position_sigma(flight), excitation(flight), excitation_noise(flight)
     if sigma is None:
         why = flight.missing.get("coverage", "")
-        return TrainingExclusion(
-            Exclusion.POSITION_UNKNOWN,
-            "how accurate its position is was not determined" + (f" ({why})" if why else ""),
-        )
+        return "how accurate its position is was not determined" + (f" ({why})" if why else "")
     if sigma > POOR_POSITION:
-        return TrainingExclusion(
-            Exclusion.POSITION_POOR, f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
-        )
-    noise = None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_noise)
+        return f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
     if moved is None or noise is None:
-        return TrainingExclusion(Exclusion.EXCITATION_UNKNOWN, "how much it moves was not determined")
-    if moved < LEAST_EXCITATION * noise:
-        return TrainingExclusion(
-            Exclusion.LITTLE_EXCITATION,
+        return "how much it moves was not determined"
+    if hardly_moves(flight):
+        return (
             f"it hardly moves: its acceleration of {moved:.2g} m/s² (RMS) is less than "
-            f"{LEAST_EXCITATION:g} times what the estimate's noise makes, {noise:.2g} m/s²",
+            f"{LEAST_EXCITATION:g} times what the estimate's noise makes, {noise:.2g} m/s²"
         )
-    return None
+    return ""
 
 
 #: Longest flying [s] that models are made of. What all of a flight has in common (battery, wind, trim) outweighs by

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -66,23 +65,6 @@ class GroupResult(Summarised):
 Publish = Callable[["FlightResult | GroupResult | None", Path], object]
 
 
-class Exclusion(StrEnum):
-    """Why a flight is excluded from training."""
-
-    POSITION_UNKNOWN = "position-unknown"
-    POSITION_POOR = "position-poor"
-    EXCITATION_UNKNOWN = "excitation-unknown"
-    LITTLE_EXCITATION = "little-excitation"
-
-
-@dataclass(frozen=True, slots=True)
-class TrainingExclusion:
-    """A flight that must not train: the kind of reason, and the reason with its numbers, as a clause."""
-
-    exclusion: Exclusion
-    reason: str
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Split:
     """Names of flights that train and that judge, in order of name."""
@@ -91,7 +73,7 @@ class Split:
     held_out: tuple[str, ...]
     judging: tuple[str, ...]  #: Those held out that models are judged on.
     unused: Mapping[str, str] = field(default_factory=dict)  #: Flights that do neither, and why.
-    never_train: Mapping[str, TrainingExclusion] = field(default_factory=dict)  #: Flights that judge only, and why.
+    never_train: Mapping[str, str] = field(default_factory=dict)  #: Flights that judge only, and why.
     sentence: str = ""  #: How the two were chosen, with the numbers.
 
 

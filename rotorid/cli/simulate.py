@@ -150,18 +150,20 @@ def _shown(value: object) -> str:
     return f"'{text}'" if " " in text else text
 
 
-def run_models(models: Path, inputs: Path | None, wanted: str | None, out: Path, trim: str | None = None) -> None:
+def run_models(
+    models: Path, inputs: Path | None, wanted: str | None, out: Path, trim: Literal["own", "training"] | None
+) -> None:
     """Run stored models with the inputs of a log or a CSV table; write a page and a table of each prediction."""
     from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
-    from pipeline.flight.replay import InputTrim, replay
+    from pipeline.flight.replay import replay
     from reports import write_replay
 
     if inputs is None:
         raise ConfigError(f"{models} holds models; say what to run them with: --inputs LOG or --inputs TABLE.csv")
     prepare(out)
     with shown() as progress:
-        result = replay(models, inputs, wanted, progress, InputTrim(trim) if trim else None)
+        result = replay(models, inputs, wanted, progress, trim)
     for model in result.results:
         if model.report.missing:
             typer.echo(f"{model.title}: {model.report.missing}", err=True)

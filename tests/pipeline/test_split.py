@@ -12,7 +12,6 @@ from pipeline import AnalysisConfig
 from pipeline.fleet.homogeneity import day_of, places_of
 from pipeline.fleet.split import MOST_JUDGING, MOST_TRAINING, choose_split
 from pipeline.flight.training import excitation, position_sigma
-from pipeline.results.fleet import Exclusion
 from tests.pipeline.builders import flight, flown
 from tests.pipeline.coverages import coverage_of
 
@@ -73,12 +72,8 @@ def test_poor_position_and_standing_still_never_train_and_say_why():
     split = choose_split(flights, CONFIG)
     assert split.training == ("d",)
     assert set(split.held_out) == {"a", "b", "c"}
-    assert (split.never_train["a"].exclusion, split.never_train["b"].exclusion) == (
-        Exclusion.LITTLE_EXCITATION,
-        Exclusion.POSITION_POOR,
-    )
-    assert "9.0 m" in split.never_train["b"].reason
-    assert "hardly moves" in split.never_train["a"].reason
+    assert "its position is poor: the horizontal 1-sigma grows to 9.0 m" in split.never_train["b"]
+    assert "hardly moves" in split.never_train["a"]
     assert "a never trains" in split.sentence
     assert "b never trains" in split.sentence
 
@@ -96,12 +91,11 @@ def test_what_was_not_measured_is_not_taken_for_perfect():
     )
     split = choose_split([failed, unsure, loud, flight("d"), flight("e", 2.0)], CONFIG)
     assert split.training == ("e",)
-    assert {name: reason.exclusion for name, reason in split.never_train.items()} == {
-        "a": Exclusion.POSITION_UNKNOWN,
-        "b": Exclusion.POSITION_UNKNOWN,
-        "c": Exclusion.EXCITATION_UNKNOWN,
+    assert split.never_train == {
+        "a": "how accurate its position is was not determined (the log has a hole)",
+        "b": "how accurate its position is was not determined",
+        "c": "how much it moves was not determined",
     }
-    assert "the log has a hole" in split.never_train["a"].reason
     assert position_sigma(failed) is None
     assert excitation(failed) is None
     # Where nothing can train nothing does.
