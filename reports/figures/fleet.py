@@ -172,7 +172,7 @@ def distributions(coverage: Envelope, name: str) -> Figure | None:
 
 def winds(coverage: Envelope, name: str) -> Figure | None:
     """Draw the mean wind of each flight as a point in the direction that it came from."""
-    known = [wind for wind in coverage.winds if wind.speed is not None]
+    known = coverage.winds
     if not known:
         return None
     reach = 1.15 * max(max(wind.speed + (wind.sigma or 0.0) for wind in known), 1.0)
@@ -210,10 +210,9 @@ def drift_figures(
     """
     if drift is None:
         return [], []
-    dated = _dated(drift)
     lines = [
         mark_line(_utc(note.at.isoformat()), "@joint", 1.5, "solid" if note.boundary else "dot") | {"layer": "below"}
-        for note in (notes if dated else ())
+        for note in (notes if drift.order == "date" else ())
     ]
     motors = motors_over_flights(drift, f"{prefix}shares", lines)
     shown = [*([] if motors is None else [motors]), *response_overlays(drift.responses, prefix)]
@@ -229,7 +228,7 @@ def drift_figures(
 
 def _place(drift: Drift, point: FlightPoint | MotorWork) -> str:
     """Return the place of a flight on the axis: its start where all are known, else its name."""
-    return _utc(point.start_utc) if point.start_utc and _dated(drift) else point.flight
+    return _utc(point.start_utc) if point.start_utc and drift.order == "date" else point.flight
 
 
 def _utc(start: str) -> str:
@@ -237,13 +236,8 @@ def _utc(start: str) -> str:
     return start[:19].replace("T", " ")
 
 
-def _dated(drift: Drift) -> bool:
-    points = [point for parameter in drift.parameters for point in parameter.flights]
-    return drift.order == "date" and all(point.start_utc for point in points)
-
-
 def _axis(drift: Drift) -> Drawn:
-    if _dated(drift):
+    if drift.order == "date":
         return {"type": "date", "title": {"text": "start of the flight (UTC)"}}
     order = {"type": "category", "categoryorder": "array", "categoryarray": list(drift.flights)}
     ticks = {"showticklabels": len(drift.flights) <= 16, "tickangle": -40, "automargin": True}

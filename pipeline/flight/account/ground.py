@@ -36,7 +36,7 @@ class Contact:
 
 
 def contact(readings: Readings) -> Contact | None:
-    """Return the largest shock around the touch-down, or how the craft came to rest; None without either in the log."""
+    """Return the largest shock around the touch-down, and how the craft came to rest; None of a log cut in the air."""
     if ends_in_the_air(readings):
         return None
     stop = _down(readings)
@@ -48,8 +48,6 @@ def contact(readings: Readings) -> Contact | None:
     t, force = readings.flight.stop, np.nan
     if around is not None and len(around) > 2:
         t, force = float(around.index[int(np.argmax(around.to_numpy()))]), float(around.max())
-    elif readings.lean is None:
-        return None
     sink = None if readings.own_height or readings.sink is None else readings.sink.dropna()
     touched = min(readings.flight.stop, t)
     return Contact(
