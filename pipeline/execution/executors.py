@@ -236,8 +236,11 @@ def _call(function: Callable[..., object], args: tuple[Any, ...], named: dict[st
     return answer
 
 
-# Longest that a copy may take, s: it may wait for ever for a lock that another thread held when it was made.
-def begin(work: Callable[[], T], longest: float = 600.0) -> Callable[[], T]:
+#: Longest that a copy may take, s: it may wait for ever for a lock that another thread held when it was made.
+_LONGEST = 600.0
+
+
+def begin(work: Callable[[], T], longest: float = _LONGEST) -> Callable[[], T]:
     """Begin work in a copy of this process, and return a function that waits for its result.
 
     The copy knows all that this process knows, and what it changes stays with it. Only a process that has no other work

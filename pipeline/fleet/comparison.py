@@ -20,6 +20,9 @@ from pipeline.results.report import CraftReport, FleetReport, FlightReport
 from sysid.rigid_body.consensus import TRUSTED
 from sysid.validation.uses import Trust
 
+#: Settings of an analysis that do not change what is found.
+_NO_MATTER = frozenset({"time_limit", "training", "validation"})
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
@@ -269,8 +272,7 @@ def _changed(a: Compared, b: Compared) -> list[SettingChange]:
             ("analysis", a.config, b.config),
         )
         for field in fields(before)
-        # Settings of an analysis that do not change what is found.
-        if field.name not in ("time_limit", "training", "validation")
+        if field.name not in _NO_MATTER
         and (left := getattr(before, field.name)) != (right := getattr(after, field.name))
     ]
 

@@ -102,9 +102,7 @@ def identify_crafts(
             unstored.append(entry)
         else:
             entries.append(entry)
-            # The free runs have been published: those of many crafts would not fit into memory.
-            light = tuple(replace(model, predictions=()) for model in result.models)
-            fitted[entry.folder] = result if run.publish is None else replace(result, models=light)
+            fitted[entry.folder] = result if run.publish is None else _light(result)
     return IdentifiedCrafts(
         entries=tuple(entries),
         left_out=tuple(left_out),
@@ -127,6 +125,11 @@ def _builds(
         if not (config.training or config.validation):
             further = (alike for alike in alike_flights(craft)[1:] if len(alike) > 1)
             yield from enumerate(further, start=2)
+
+
+def _light(result: GroupResult) -> GroupResult:
+    """Leave out the free runs, which have been published: those of many crafts would not fit into memory."""
+    return replace(result, models=tuple(replace(model, predictions=()) for model in result.models))
 
 
 def _is_there(entry: GroupEntry, run: Run) -> bool:

@@ -115,8 +115,7 @@ def sentence_of(history: History, questions: int) -> str:
             f"{_of(change.sigma, history)} (p = {change.p_adjusted:.1g} after correction for {questions} questions)"
         )
     elif history.trend is not None:
-        slope, sign = history.trend.per_flight, "-" if history.trend.per_flight < 0.0 else "+"
-        text += f"; no change over flights is seen (slope {sign}{_of(abs(slope), history)} ± "
+        text += f"; no change over flights is seen (slope {_signed(history.trend.per_flight, history)} ± "
         text += f"{_of(history.trend.per_flight_sigma, history)} per flight)"
     else:
         text += f"; {FEWEST} flights are needed to tell a change"
@@ -128,3 +127,7 @@ def _of(size: float, history: History) -> str:
     if abs(history.mean) > 5.0 * max(history.between, history.mean_sigma):
         return f"{100.0 * size / abs(history.mean):.2g} %"
     return f"{size:.2g} {history.unit.split(',')[0]}".strip()
+
+
+def _signed(value: float, history: History) -> str:
+    return f"{'+' if value >= 0.0 else '-'}{_of(abs(value), history)}"

@@ -182,7 +182,7 @@ def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], F
         counts[row.method] = counts.get(row.method, 0) + 1
     method = max(counts, key=lambda name: counts[name], default="")
     chosen = [(flight, row) for flight, row in sure if row.method == method]
-    volts = [next((row.value for row in flight.parameters if row.method == BATTERY), None) for flight, _ in chosen]
+    volts = [_voltage(flight) for flight, _ in chosen]
     # Motors at full command give thrust with the square of the voltage, which is each flight's own.
     known = quantity == "thrust over mass" and all(volt is not None for volt in volts)
     values = [
@@ -191,6 +191,10 @@ def _values(flights: Sequence[FlightEntry], quantity: str) -> tuple[list[str], F
     ]
     errors = [row.sigma / row.value for _, row in chosen]
     return [flight.name for flight, _ in chosen], np.array(values), np.array(errors)
+
+
+def _voltage(flight: FlightEntry) -> float | None:
+    return next((row.value for row in flight.parameters if row.method == BATTERY), None)
 
 
 def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
@@ -209,6 +213,10 @@ def _largest(values: Floats, spread: Floats) -> NDArray[np.bool_]:
             return kept
     kept[order[:1]] = True
     return kept
+
+
+#: Flights that begin within this distance of each other are at one place, m.
+ONE_PLACE = 2000.0
 
 
 def day_of(flight: FlightEntry) -> str:
@@ -231,8 +239,7 @@ def places_of(flights: Sequence[FlightEntry]) -> dict[str, int]:
         if place is None:
             numbers[flight.name] = -1
             continue
-        # Flights that begin within this distance of each other are at one place, m.
-        near = [k for k, centre in enumerate(centres) if _distance(place, centre) < 2000.0]
+        near = [k for k, centre in enumerate(centres) if _distance(place, centre) < ONE_PLACE]
         if not near:
             centres.append(place)
         numbers[flight.name] = near[0] if near else len(centres) - 1

@@ -31,6 +31,9 @@ from sysid.autopilot.values import over_flights
 #: Chance of any false alarm over the whole life of a craft, however many flights that is.
 RATE = 0.01
 
+#: A clock that says less was never set: the first autopilots of this family are younger.
+_FIRST = datetime(2009, 1, 1, tzinfo=UTC)
+
 
 def review(entries: Sequence[FlightEntry], notes: Sequence[CraftNote] = (), now: datetime | None = None) -> CraftReview:
     """Look at a craft as a whole."""
@@ -70,8 +73,7 @@ def _joint(flights: Sequence[FlightEntry]) -> tuple[str, ...]:
 
 def _unset(entry: FlightEntry, now: datetime) -> FlightEntry:
     """Return a flight without its date where that cannot be: the clock was never set."""
-    # A clock that says less was never set: the first autopilots of this family are younger.
-    if entry.start_utc is None or datetime(2009, 1, 1, tzinfo=UTC) < entry.start_utc <= now:
+    if entry.start_utc is None or _FIRST < entry.start_utc <= now:
         return entry
     return replace(entry, start_utc=None)
 

@@ -116,6 +116,8 @@ _ADVISED, _SPENT = 2.0, 3.3
 #: Share of a flight with a motor at its limit that is more than a manoeuvre, and spread of the motors' work that a
 #: balanced craft does not have, and that needs no name.
 _AT_LIMIT, _UNEVEN, _ALIKE = 0.05, 0.15, 0.05
+#: Change of the hover throttle that tells nothing of the battery or the load.
+_STEADY = 0.025
 
 
 def happened(account: Account) -> AnswerLine:
@@ -203,8 +205,7 @@ def _gps(gps: GpsReading, jumps: Sequence[Finding]) -> AnswerLine:
 
 
 def _thrust(hover: HoverReading, full: float | None) -> AnswerLine:
-    # Change of the hover throttle that tells nothing of the battery or the load.
-    steady = abs(hover.end - hover.start) < 0.025
+    steady = abs(hover.end - hover.start) < _STEADY
     text = (
         f"hovers at {100.0 * hover.start:.0f} %"
         + ("" if steady else f", later {100.0 * hover.end:.0f} %")

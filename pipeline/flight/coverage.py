@@ -53,6 +53,9 @@ if TYPE_CHECKING:
 #: Rate at which a flight is counted out into bins, Hz: that of motor outputs.
 RATE = 10.0
 
+#: Height below which the wind is that of this height, m, as in the equations of motion.
+_LOWEST = 0.5
+
 
 def measure(
     log: FlightLog,
@@ -92,8 +95,7 @@ def measure(
     if trim is None:
         missing["wind"] = missing["airspeed"] = "no rigid body was fitted, and nothing else here tells the wind"
     else:
-        # Height below which the wind is that of this height, m, as in the equations of motion.
-        height = np.maximum(max(position[0, 2], position[-1, 2]) - position[:, 2], 0.5)
+        height = np.maximum(max(position[0, 2], position[-1, 2]) - position[:, 2], _LOWEST)
         wind = trim.wind(t) * ((height / WIND_HEIGHT) ** trim.wind_exponent)[:, None]
         series["airspeed"] = np.hypot(context["v_n"] - wind[:, 0], context["v_e"] - wind[:, 1]).to_numpy()
     known = {
@@ -171,11 +173,17 @@ def _bins(name: str, values: Floats) -> NDArray[np.int64]:
     return np.floor(values / QUANTITIES[name].step).astype(np.int64)
 
 
+#: Time over which changes of velocity are taken, s: shorter ones are noise of the estimate and gusts.
+SPAN = 1.0
+
 #: Frequencies over which coherence is summed up, rad/s: where a multirotor answers to its commands.
 BAND = (0.5, 5.0)
 
 #: Sectors of heading that are counted.
 SECTORS = 8
+
+#: Time in a sector of heading that counts, s.
+IN_SECTOR = 3.0
 
 #: Excitation in multiples of what hardly tells anything: below the first none, then weak, fair, strong.
 _WORDS = ((0.5, "none"), (1.0, "weak"), (4.0, "fair"), (float("inf"), "strong"))
@@ -186,8 +194,7 @@ def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Movement:
     t = context.index.to_numpy(np.float64)
     dt = float(t[1] - t[0])
     velocity = context[["v_n", "v_e", "v_d"]].to_numpy()
-    # Time over which changes of velocity are taken, s: shorter ones are noise of the estimate and gusts.
-    step = min(max(round(1.0 / dt), 1), len(t) - 1)
+    step = min(max(round(SPAN / dt), 1), len(t) - 1)
     change = (velocity[step:] - velocity[:-step]) / (step * dt)
     sigma = trajectory.sigma.loc[t[0] : t[-1], ["v_n", "v_e", "v_d"]].to_numpy()
     yaw, departure = context["yaw"].to_numpy(), velocity[:, :2] - velocity[:, :2].mean(axis=0)
@@ -196,16 +203,19 @@ def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Movement:
     # Sectors are centred on the points of the compass, so that a heading held north is one of them.
     sectors = np.rint(yaw * SECTORS / (2.0 * pi)).astype(np.int64) % SECTORS
     return Movement(
-        acceleration_rms=float(np.sqrt(np.mean(np.sum(change**2, axis=1)))),
+        acceleration_rms=_rms(change),
         # Errors a second apart are taken as independent, which can only make the noise larger than it is.
         acceleration_noise=float(np.sqrt(2.0 * np.mean(np.sum(sigma**2, axis=1))) / (step * dt))
         if len(sigma)
         else None,
         speed_std=(float(along.std()), float(across.std())),
-        # Time in a sector of heading that counts, s.
-        headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= 3.0)),
+        headings=int(np.sum(np.bincount(sectors, minlength=SECTORS) * dt >= IN_SECTOR)),
         axes=_axes(context, round(1.0 / dt)),
     )
+
+
+def _rms(vectors: Floats) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
 
 
 def _axes(context: pd.DataFrame, per_second: int) -> dict[str, AxisExcitation]:

@@ -41,6 +41,16 @@ _TUNE = re.compile(
 #: What the gains of a craft are called beside its firmware in a message.
 _FIRMWARE = "firmware"
 
+#: Differences up to which flights without a board's id may still be of one craft: more are not made between flights.
+_MAY_BE_ONE = 3
+
+#: Two recordings of one flight agree this well in position, m: GPS errors and a second of clock error at cruise.
+SAME_PLACE = 20.0
+
+#: A copy of what was written on board begins or ends its flight at the same count of the boot clock, s: simulators fly
+#: a craft from one place at one time of day again and again (`methodic_quad15_*`, a metre or two apart).
+_COUNT = 1e-4
+
 #: Instants at which two tracks are compared.
 _INSTANTS = 20
 
@@ -130,9 +140,7 @@ def _same_clock(a: FlightEntry, b: FlightEntry) -> bool:
     """Return whether two flights begin or end at the same count of the boot clock; also where one of them is none."""
     if a.flight is None or b.flight is None:
         return True
-    # A copy of what was written on board begins or ends its flight at the same count of the boot clock, s: simulators
-    # fly a craft from one place at one time of day again and again (`methodic_quad15_*`, a metre or two apart).
-    return min(abs(a.flight.start - b.flight.start), abs(a.flight.stop - b.flight.stop)) < 1e-4
+    return min(abs(a.flight.start - b.flight.start), abs(a.flight.stop - b.flight.stop)) < _COUNT
 
 
 def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
@@ -140,8 +148,7 @@ def _near(a: FlightEntry, b: FlightEntry, times: Sequence[datetime]) -> bool:
     tracks = [track for track in (_places(a, times), _places(b, times)) if track is not None]
     if len(tracks) < 2:
         return True
-    # Two recordings of one flight agree this well in position, m: GPS errors and a second of clock error at cruise.
-    return float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1))) < 20.0
+    return float(np.median(np.linalg.norm(tracks[0] - tracks[1], axis=1))) < SAME_PLACE
 
 
 def changes(flights: Sequence[FlightEntry]) -> tuple[Finding, ...]:
@@ -180,9 +187,7 @@ def kept_apart(crafts: Sequence[Sequence[FlightEntry]]) -> dict[str, tuple[Findi
         for other in others:
             mine, theirs = (dict(flight.build) | _gains(flight) for flight in (first, other))
             changed = _changed(mine, theirs)
-            # Differences up to which flights without a board's id may still be of one craft: more are not made between
-            # flights.
-            if not changed or (not first.board and len(changed) > 3):
+            if not changed or (not first.board and len(changed) > _MAY_BE_ONE):
                 continue
             board = "the same board" if first.board else "the same frame"
             findings.append(

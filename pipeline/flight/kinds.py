@@ -9,6 +9,9 @@ import sysid
 from pipeline.config import AnalysisConfig
 from pipeline.execution.stages import Progress
 
+#: Part of the time limit of a stage after which a fit gives the best model so far instead of being given up.
+FIT_PART = 0.5
+
 #: The kind whose experiments thrust coefficients are fitted to.
 THRUST_KEY = "motors"
 
@@ -35,8 +38,7 @@ class ModelKind:
         self, experiments: Sequence[sysid.Experiment], config: AnalysisConfig, progress: Progress
     ) -> sysid.TransferFunctionModel | sysid.ClosedLoopModel | sysid.RigidBodyModel:
         """Fit one model to all records."""
-        # Part of the time limit of a stage after which a fit gives the best model so far instead of being given up.
-        limit = 0.5 * config.time_limit
+        limit = FIT_PART * config.time_limit
         if self.structure:
             return sysid.fit_transfer_functions(
                 experiments,

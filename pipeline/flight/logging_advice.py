@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from logparse.craft.log_settings import Bit, LogSetting, mask
@@ -10,7 +10,7 @@ from logparse.formats import TELEMETRY
 from pipeline.results.answer import Advice, having, names_of
 
 if TYPE_CHECKING:
-    pass
+    from pipeline.results.coverage import LoggedRate
 from pipeline.results.fleet import FlightEntry
 
 #: What it costs a flight that something is not logged, by `what` of the finding.
@@ -103,7 +103,7 @@ def _settings(flights: Sequence[FlightEntry], determined: Collection[str]) -> It
 def _present(flights: Sequence[FlightEntry], parameter: str) -> int | None:
     """Return a parameter's value in the latest flight that tells it."""
     for flight in reversed(flights):
-        value = None if flight.coverage is None else mask(flight.coverage.health.settings.get(parameter))
+        value = mask(_setting(flight, parameter))
         if value is not None:
             return value
         for finding in flight.findings:
@@ -163,6 +163,14 @@ def _esc(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
     )
 
 
+def _rates(flight: FlightEntry) -> Mapping[str, LoggedRate]:
+    return {} if flight.coverage is None else flight.coverage.health.rates
+
+
 def _rate(flight: FlightEntry, table: str) -> float | None:
-    known = None if flight.coverage is None else flight.coverage.health.rates.get(table)
+    known = _rates(flight).get(table)
     return None if known is None else known.rate
+
+
+def _setting(flight: FlightEntry, name: str) -> float | None:
+    return None if flight.coverage is None else flight.coverage.health.settings.get(name)

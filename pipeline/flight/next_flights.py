@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from pipeline.results.drift import Drift
     from pipeline.results.fleet import FlightEntry
     from pipeline.results.flight import FlightResult
+    from pipeline.results.rotation import AxisRotation
     from sysid import PhysicalParameters
 
 
@@ -89,19 +90,22 @@ def _margins(result: FlightResult) -> Iterator[Advice]:
     """Ask for chirps where margins of loops are not measured."""
     if isinstance(result.rotation, Failure):
         return
-    loopless = [axis.axis for axis in result.rotation.axes if axis.loop is None or axis.loop.ordinary]
+    loopless = [axis for axis in result.rotation.axes if axis.loop is None or axis.loop.ordinary]
     if loopless and _has_systemid(result):
-        chirps = joined([f"{MIXER_CHIRPS[axis]} for {axis}" for axis in loopless])
         yield Advice(
             id="chirps-for-margins",
             rank=26,
             do="Fly mode SYSTEMID for two minutes with a chirp at the mixer on one axis after the other "
-            f"(SID_AXIS {chirps}; rotorid design --for rates writes the parameters)"
+            f"(SID_AXIS {_chirps(loopless)}; rotorid design --for rates writes the parameters)"
             + _logged(result, Need.FAST_RATES, Need.PID),
-            why=f"margins of the {joined(loopless)} loop{'s' if len(loopless) > 1 else ''} "
+            why=f"margins of the {joined([axis.axis for axis in loopless])} loop{'s' if len(loopless) > 1 else ''} "
             "are not measured: ordinary flying shows them through the craft's model at most",
             gain="gain and phase margins with errors, from which rotorid tune proposes gains",
         )
+
+
+def _chirps(axes: list[AxisRotation]) -> str:
+    return joined([f"{MIXER_CHIRPS[axis.axis]} for {axis.axis}" for axis in axes])
 
 
 def _logged(result: FlightResult, *needs: Need) -> str:
@@ -126,6 +130,12 @@ DRAG_ERROR = 0.15
 
 #: Slowest and fastest legs that are asked for, m/s: slower ones are hover, faster ones need more room than most have.
 SLOW_LEG, FAST_LEG = 3, 12
+
+#: Standard error of the wind above which turns on the spot pay, m/s.
+WIND_ERROR = 0.3
+
+#: Sectors of 45 degrees that turns should reach: a quarter turn to either side.
+FEW_HEADINGS = 3
 
 #: Flights of one craft that make a joint model: 4 leave the error on unseen ones 12 % above that of the best model.
 ENOUGH = 4
@@ -234,11 +244,9 @@ def _turns(flights: Sequence[FlightEntry], total: int, determined: Collection[st
         flight
         for flight in flights
         if (known := flight.coverage) is not None
-        # Sectors of 45 degrees that turns should reach: a quarter turn to either side.
-        and known.excitation.headings < 3
+        and known.excitation.headings < FEW_HEADINGS
         and known.wind is not None
-        # Standard error of the wind above which turns on the spot pay, m/s.
-        and (known.wind.sigma is None or known.wind.sigma > 0.3)
+        and (known.wind.sigma is None or known.wind.sigma > WIND_ERROR)
     ]
     if not held or len(held) <= total // 2:
         return

@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 #: Most points of a line.
 _MOST = 3000
+#: Test ratio at which ArduPilot's failsafe counts (FS_EKF_THRESH).
+_RATIO = 0.8
 
 
 def flight_signals(readings: Readings) -> FlightSignals:
@@ -174,8 +176,7 @@ def _ratios(messages: Mapping[str, pd.DataFrame], flight: Span) -> tuple[Panel, 
         frame = frame[frame[lane] == frame[lane].min()]
     columns = {f"{quantity}_test_ratio": title for quantity, title in _PX4.items()} if px4 else _ARDUPILOT
     lines = [_line(title, frame[column], flight) for column, title in columns.items() if column in frame]
-    # Test ratio at which ArduPilot's failsafe counts (FS_EKF_THRESH).
-    return _panel("test ratio", "", lines, {"refused above": 1.0} if px4 else {"FS_EKF_THRESH": 0.8})
+    return _panel("test ratio", "", lines, {"refused above": 1.0} if px4 else {"FS_EKF_THRESH": _RATIO})
 
 
 def _compass(tables: Tables, flight: Span) -> tuple[Panel, ...]:

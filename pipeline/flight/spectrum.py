@@ -25,6 +25,8 @@ _FAST, _RESOLUTION, _BURST = 90.0, 1.0, 512
 _SHOWN, _LOWEST = 5.0, 15.0
 #: A peak stands out by so much above the median of its neighbourhood (a part of its frequency to either side).
 _STANDS_OUT, _NEIGHBOURS = 3.0, 0.3
+#: Least amplitude of a line that is named, rad/s (0.3 deg/s).
+_LEAST = 0.005
 #: Most peaks that are named, and multiples of the rotors' speed that are looked for.
 _MOST, _MULTIPLES = 5, 4
 #: Correlation of a line's frequency with the motors' outputs that makes it a rotor's, and fewest windows that tell.
@@ -178,8 +180,7 @@ def _peaks(
     candidates: list[tuple[float, float, str]] = []
     for axis, amplitude in amplitudes.items():
         for k in range(1, len(hz) - 1):
-            # Least amplitude of a line that is named, rad/s (0.3 deg/s).
-            if hz[k] < _LOWEST or amplitude[k] < max(0.005, amplitude[k - 1], amplitude[k + 1]):
+            if hz[k] < _LOWEST or amplitude[k] < max(_LEAST, amplitude[k - 1], amplitude[k + 1]):
                 continue
             near = np.abs(hz - hz[k]) <= _NEIGHBOURS * hz[k]
             if amplitude[k] >= _STANDS_OUT * float(np.median(amplitude[near])):

@@ -24,7 +24,7 @@ from pipeline.flight.kinds import THRUST_KEY
 from pipeline.flight.rotation import curve_of
 from pipeline.names import printable
 from pipeline.results.failure import Failure, present
-from pipeline.results.fleet import FlightEntry, FlightParameter
+from pipeline.results.fleet import FlightEntry, FlightParameter, ResponseCurve
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model import ModelsFile, OwnedModels, verdict_of
 from pipeline.results.report import (
@@ -74,7 +74,7 @@ def flight_entry(
         build=build_of(vehicle),
         tune=dict(result.tune),
         parameters=tuple(flight_parameters(result)),
-        responses=tuple(curve_of(rate, result.name) for _, rate in _determined(result)),
+        responses=tuple(response_curves(result)),
         trims=result.trims,
         account=present(result.account),
         autopilot=result.autopilot,
@@ -119,6 +119,9 @@ def _track(result: FlightResult) -> tuple[tuple[float, float, float, float], ...
 #: The row with a flight's battery voltage carries this method.
 BATTERY = "battery monitor"
 
+#: A method whose column "sigma" is the spread over instants, not the standard error of the value.
+_SPREAD = METHODS[2]
+
 #: Refinement 2020 takes the air to be at rest: its drag is mostly the wind of the day.
 WIND_AS_DRAG = ("whole drag in still air over mass", METHODS[3])
 
@@ -136,8 +139,7 @@ def flight_parameters(result: FlightResult) -> list[FlightParameter]:
             parameter, method = (str(part) for part in key)
             value, sigma = float(row["value"]), float(row["sigma"])
             # The headline is one of the methods' own.
-            # A method whose column "sigma" is the spread over instants, not the standard error of the value.
-            if method in (METHODS[2], HEADLINE) or (parameter, method) == WIND_AS_DRAG:
+            if method in (_SPREAD, HEADLINE) or (parameter, method) == WIND_AS_DRAG:
                 continue
             if not (np.isfinite([value, sigma]).all() and sigma > 0.0):
                 continue
@@ -175,6 +177,12 @@ def _turning(result: FlightResult) -> Iterator[FlightParameter]:
                     sigma=parameter.sigma,
                     unit=parameter.unit,
                 )
+
+
+def response_curves(result: FlightResult) -> Iterator[ResponseCurve]:
+    """Yield the coherent part of the response of every axis whose gain is determined."""
+    for _, rate in _determined(result):
+        yield curve_of(rate, result.name)
 
 
 def _determined(result: FlightResult) -> Iterator[tuple[str, FittedResponse]]:

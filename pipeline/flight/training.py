@@ -76,6 +76,9 @@ def exclusion_of(flight: FlightEntry) -> str:
 #: then what more of it would add, and time and memory that models take grow with it.
 LONGEST = 1800.0
 
+#: Part of it by which one choice is shifted against the next.
+_SHIFT = 0.1
+
 
 def busiest(log: FlightLog, sound: Span) -> Span:
     """Return the `LONGEST` seconds in which attitude targets moved most; all of a flight that is not longer.
@@ -84,8 +87,7 @@ def busiest(log: FlightLog, sound: Span) -> Span:
     """
     if sound.stop - sound.start <= LONGEST or log.tables.has("systemid"):
         return sound
-    # Part of it by which one choice is shifted against the next.
-    begins = np.arange(sound.start, sound.stop - LONGEST, 0.1 * LONGEST)
+    begins = np.arange(sound.start, sound.stop - LONGEST, _SHIFT * LONGEST)
     angles = ("roll", "pitch", "yaw")
     table = log.tables.part("setpoints", angles)
     table = log.tables.part("attitude", angles) if table is None else table

@@ -34,6 +34,8 @@ else:
 
 #: Most points that one line of a plot is drawn with; more cannot be told apart on a screen.
 MOST_POINTS = 1500
+#: Height of a row of names above a plot, pixels.
+_ROW = 18
 
 #: Colour of each kind of model, everywhere; further kinds share the last.
 MODEL_COLORS = {"motors": "@own", "mixer": "@mixer", "reference": "@joint", "rigid_body": "@body"}
@@ -76,8 +78,7 @@ class Figure:
         """Place the legend above a row of names over the plot; Plotly makes room for the rows that it takes."""
         edges = self.layout["margin"]
         inner = max(self.height - edges["t"] - edges["b"], 1)
-        # Height of a row of names above a plot, pixels.
-        return {"legend": self.layout["legend"] | {"y": 1.0 + 18 / inner, "yanchor": "bottom"}}
+        return {"legend": self.layout["legend"] | {"y": 1.0 + _ROW / inner, "yanchor": "bottom"}}
 
     def plotly(self) -> go.Figure:
         """Return Plotly's own figure, for notebooks."""
@@ -336,8 +337,7 @@ def marks(
     hover: str = "",
 ) -> Trace:
     """Draw points with one standard error; `x` may be dates or names, `text` says of each what it is."""
-    named = isinstance(x, list) and x and isinstance(x[0], str)
-    trace: Trace = {"type": "scatter", "mode": "markers", "x": x if named else digits(x, 6)}
+    trace: Trace = {"type": "scatter", "mode": "markers", "x": _places(x)}
     trace |= {"y": digits(y, 5), "name": plotly_text(name)}
     trace["marker"] = {"color": color, "size": size, "symbol": symbol, "line": {"color": color, "width": 2}}
     if sigma is not None:
@@ -345,6 +345,10 @@ def marks(
     if text:
         trace["text"] = [plotly_text(label) for label in text]
     return trace | ({"hovertemplate": hover} if hover else {})
+
+
+def _places(x: ArrayLike | list[str]) -> list[Any]:
+    return x if isinstance(x, list) and x and isinstance(x[0], str) else digits(x, 6)
 
 
 def area(

@@ -9,7 +9,7 @@ from typing import Any
 
 from core.quantity import per_degree, with_unit
 from pipeline.results.answer import Tone
-from pipeline.results.coverage import MAP, QUANTITIES, Envelope
+from pipeline.results.coverage import MAP, QUANTITIES, Envelope, RangeFlown
 from pipeline.results.drift import CraftNote, Drift, FlightPoint, History, MotorWork
 from pipeline.results.report import FlightReport
 from reports.figures.figure import (
@@ -64,8 +64,7 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
         else {"title": {"text": "flight"}, "tick0": 1, "dtick": max(1, len(flown) // 10)}
     )
     plot = Plot({"title": {"text": "duration (min)"}, "rangemode": "tozero"}, x=axis)
-    happened = [None if flight.answer is None else flight.answer.line("Happened") for flight, _ in flown]
-    tones = [Tone.UNKNOWN if line is None else line.tone for line in happened]
+    tones = [_tone(flight) for flight, _ in flown]
     for tone, (color, symbol, name) in _TONES.items():
         chosen = [k for k, its in enumerate(tones) if its is tone]
         if chosen:
@@ -75,6 +74,11 @@ def flights_over_time(flights: Sequence[FlightReport]) -> Figure | None:
             at = [places[k] for k in chosen]
             plot.add(marks(at, minutes, name, color, symbol=symbol, size=9, text=text, hover=hover))
     return plot.figure("first-flights", "The flights over time.", FIRST_HEIGHT)
+
+
+def _tone(flight: FlightReport) -> Tone:
+    lines = () if flight.answer is None else flight.answer.lines
+    return next((line.tone for line in lines if line.purpose == "Happened"), Tone.UNKNOWN)
 
 
 def coverage_figures(coverage: Envelope | None, prefix: str) -> list[Figure]:
@@ -96,8 +100,8 @@ def speed_and_height(coverage: Envelope, name: str) -> Figure | None:
         return None
     x_step, y_step = (QUANTITIES[name].step for name in MAP)
     axes = [
-        {"title": {"text": f"{QUANTITIES[axis].title} ({QUANTITIES[axis].unit})"}, "zeroline": False}
-        for axis in MAP[::-1]
+        {"title": {"text": _title(coverage.quantities.get(axis), otherwise)}, "zeroline": False}
+        for axis, otherwise in zip(MAP[::-1], ("height (m)", "ground speed (m/s)"), strict=True)
     ]
     plot = Plot(axes[0], x=axes[1], showlegend=True)
     if cells.training:
@@ -319,6 +323,10 @@ def motors_over_flights(drift: Drift, name: str, lines: Sequence[Drawn]) -> Figu
         "asked from flight to flight, of all others a little less."
     )
     return plot.figure(name, caption, 330, margin={"l": 78})
+
+
+def _title(quantity: RangeFlown | None, otherwise: str) -> str:
+    return otherwise if quantity is None else f"{quantity.title} ({quantity.unit})"
 
 
 def _short(value: float | None) -> Any:

@@ -379,8 +379,7 @@ def _matters(result: FlightResult, height: int) -> Figure | None:
         # Names of modes would cover those of what happened.
         layout["annotations"] = _names(result, shown)
         happened = [mark_line(event.t, "@bad", 1.5) for event in notable(result)[:20]]
-        limits = [shape for shape in layout.get("shapes", ()) if shape.get("xref") == "paper"]
-        layout["shapes"] = [*mode_bands(result)[0], *limits, *happened]
+        layout["shapes"] = [*_background(result, layout), *happened]
         layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
     # A stretch of its own must not pull the other plots along, nor be pulled by them.
     return replace(
@@ -391,6 +390,12 @@ def _matters(result: FlightResult, height: int) -> Figure | None:
         caption=_CAPTIONS[picture],
         time=drawn.time and around is None,
     )
+
+
+def _background(result: FlightResult, layout: Drawn) -> list[Drawn]:
+    """Return modes as bands, and the limits that the plot had."""
+    limits = [shape for shape in layout.get("shapes", ()) if shape.get("xref") == "paper"]
+    return [*mode_bands(result)[0], *limits]
 
 
 def _names(result: FlightResult, around: Span) -> list[Drawn]:

@@ -29,6 +29,8 @@ from reports.figures.figure import (
 )
 
 _OWN = {"asked": "@own", "flown": "@ink"}
+#: Points of a line that are drawn: its own, which are thinned already.
+_EVERY = 1_000_000
 
 _CAPTIONS = {
     "attitude": "Attitude asked for and flown. They should lie on each other; where they part, the craft "
@@ -53,8 +55,7 @@ def signal_figures(result: FlightResult) -> list[Figure]:
     if isinstance(result.signals, Failure) or isinstance(result.flight, Failure):
         return []
     signals = result.signals
-    marks, account = _marks(result), present(result.account)
-    sag = None if account is None or account.battery is None else account.battery.sag
+    marks = _marks(result)
     figures = [
         _stacked(name, panels, result.flight, marks)
         for name, panels in (
@@ -69,7 +70,9 @@ def signal_figures(result: FlightResult) -> list[Figure]:
         if panels
     ]
     figures = [
-        replace(figure, caption=f"{figure.caption} {_sagging(sag)}") if figure.id == "health-battery" else figure
+        replace(figure, caption=f"{figure.caption} {_sagging(_sag(result))}")
+        if figure.id == "health-battery"
+        else figure
         for figure in figures
     ]
     if signals.spectrum is not None:
@@ -96,13 +99,17 @@ def signal_figure(result: FlightResult, name: str, most: int) -> Figure | None:
 def _stacked(name: str, panels: Sequence[Panel], flight: Span, happened: Sequence[Drawn]) -> Figure:
     """Draw panels below each other over one axis of time."""
     axis = {"title": {"font": {"size": 11}}, "nticks": 5}
-    # Points of a line that are drawn: its own, which are thinned already.
-    plot = over_time(panels, time_axis(margin(flight)), colors=_OWN, axis=axis, most=1_000_000, width=1.2)
+    plot = over_time(panels, time_axis(margin(flight)), colors=_OWN, axis=axis, most=_EVERY, width=1.2)
     plot.shapes = [*happened, *plot.shapes]
     named = {signal.name for panel in panels for signal in panel.signals}
     caption = _ALONE[name] if name in _ALONE and "asked" not in named else _CAPTIONS[name]
     caption += " Dotted: when something happened." if happened else ""
     return plot.figure(f"health-{name}", caption, 120 + 110 * len(panels), time=True)
+
+
+def _sag(result: FlightResult) -> Parameter | None:
+    account = present(result.account)
+    return None if account is None or account.battery is None else account.battery.sag
 
 
 def _marks(result: FlightResult) -> list[Drawn]:

@@ -187,8 +187,7 @@ def fleet_markdown(numbers: FleetReport) -> str:
     for craft in numbers.groups:
         lines += _craft_in_short(craft, len(numbers.groups) > 1)
     if not numbers.groups:
-        answer = [f"{escaped(f'{line.purpose}: {line.said}')}  " for line in fleet_views.fleet_answer(numbers)]
-        lines += [*answer, "", *_flights(numbers), ""] if numbers.flights else ["No log gave a flight.", ""]
+        lines += [*_answer(numbers), *_flights(numbers), ""] if numbers.flights else ["No log gave a flight.", ""]
     worrying = [finding for finding in numbers.findings if finding.severity != "info"]
     if worrying:
         lines += ["**Health of the logs**", ""]
@@ -205,6 +204,11 @@ def fleet_markdown(numbers: FleetReport) -> str:
         lines += [*_more(failures, "logs"), ""]
     lines.append(f"<sub>rotorid {numbers.rotorid}; all numbers are in report.json, plots in report.html.</sub>")
     return "\n".join(lines) + "\n"
+
+
+def _answer(numbers: FleetReport) -> Iterator[str]:
+    yield from (f"{escaped(f'{line.purpose}: {line.said}')}  " for line in fleet_views.fleet_answer(numbers))
+    yield ""
 
 
 def _craft_in_short(craft: CraftReport, titled: bool) -> Iterator[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from core.findings import Severity
+from pipeline.results.answer import Answer
 from pipeline.results.report import FlightReport
 from reports.figures.flight import FlightFigures
 from reports.figures.models import horizon_figure, off_by_default
@@ -43,8 +44,7 @@ def flight_page(
         reported=reported(numbers.account),
         flight_figures=drawn.flight,
         signal_figures=drawn.signals,
-        # Only where the first screen has a margin: what the sigma of others covers is not known.
-        loops=loop_table(rotation) if rotation is not None and any(line.unit == "°" for line in lines) else None,
+        loops=None if rotation is None or not _margins_known(numbers.answer) else loop_table(rotation),
         loop_warnings=() if rotation is None else loop_warnings(rotation),
         holding=holding(numbers.models),
         others=failing(numbers.models),
@@ -79,3 +79,8 @@ def models_page(numbers: FlightReport, drawn: FlightFigures, script_file: str = 
         details=estimate_details(numbers),
         **views.of_models(numbers),
     )
+
+
+def _margins_known(answer: Answer | None) -> bool:
+    """Return whether the first screen has a margin: what its sigma covers is not known."""
+    return answer is not None and any(line.purpose == "Loops" and line.unit == "°" for line in answer.lines)

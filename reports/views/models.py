@@ -267,9 +267,7 @@ def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | No
         names = list(dict.fromkeys(row.flight for result in judged for row in result.rmse if row.part == part))
         if names:
             lines.append((Row(said, kind="part"), ()))
-        for name in names:
-            errors = [next((row.rmse_m for row in result.rmse if row.flight == name), {}) for result in judged]
-            lines.append((Row(name, link=links.get(name)), errors))
+        lines += [(Row(name, link=links.get(name)), [_errors(result, name) for result in judged]) for name in names]
         if part == "held-out" and names:
             lines.append((Row("Average", kind="average"), [result.rmse_average_m for result in judged]))
             means = [average([row.rmse_mean_m for row in result.held_out]) for result in judged]
@@ -281,3 +279,7 @@ def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | No
         "Flight by flight, RMSE of the free run in metres.",
         groups=[result.title for result in judged],
     )
+
+
+def _errors(result: ModelReport, flight: str) -> ByOutput:
+    return next((row.rmse_m for row in result.rmse if row.flight == flight), {})

@@ -41,7 +41,7 @@ def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
         by_method = {row.method: row for row in rows if row.parameter == parameter}
         unit, _, condition = next(iter(by_method.values())).unit.partition(", ")
         label = _capital(parameter) + (f", {_written(unit)}" if unit.partition(" ")[0] != "1" else "")
-        under = condition or unit.partition("(")[2].rstrip(")")
+        under = condition or _bracket(unit)
         known = {method: uncertain(row.value, row.sigma) for method, row in by_method.items() if row.value is not None}
         lines.append(Row(f"{label} ({under})" if under else label, [known.get(method, EMPTY) for method in methods]))
         si_unit = next((row.si_unit for row in by_method.values() if row.si_value is not None), "")
@@ -64,6 +64,10 @@ def parameters(rows: Sequence[ParameterRow] | None) -> ShownParameters | None:
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
+
+
+def _bracket(unit: str) -> str:
+    return unit.partition("(")[2].rstrip(")") if "(" in unit else ""
 
 
 def _written(unit: str) -> str:

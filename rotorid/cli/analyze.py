@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from reports.files.plot_images import ImageFormat
 
 _DEFAULT = AnalysisConfig()
+#: Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
+_SEVERAL_FOUND = 0.2
 
 
 def analyze(
@@ -127,8 +129,7 @@ def analyze(
     begun = 0.0
     if single and not chosen:
         _one_flight(files.sources[0], Path(out), config, as_json, plots, flight)
-        # Part of the whole that is done, as a bar shows it, when a file turns out to hold several flights.
-        begun = 0.2
+        begun = _SEVERAL_FOUND
     sizes = [source.size for source in files.sources if source.named or source.called_a_log]
     workers: AbstractContextManager[Executor | None] = nullcontext()
     if scheduler is not None:

@@ -19,6 +19,10 @@ if TYPE_CHECKING:
     from sysid.bench.stand import BenchReport
 
 
+#: Samples per second: rotation needs more than the ten of the transfer functions.
+_RATE = 50.0
+
+
 def craft(
     logs: Annotated[
         list[Path], typer.Argument(exists=True, dir_okay=False, help="Flights of one craft, logged by its autopilot.")
@@ -68,8 +72,7 @@ def craft(
         for number, path in enumerate(logs):
             progress(f"reading {file_name(str(path))}", number / (len(logs) + 1))
             log = logparse.read_log(path)
-            # Samples per second: rotation needs more than the ten of the transfer functions.
-            records.append(sysid.Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), rate=50.0))
+            records.append(sysid.Experiment.from_flight(log, estimate(log.tables, date=log.start_utc), rate=_RATE))
         progress("fitting", len(logs) / (len(logs) + 1))
         priors = None
         if bench and mass is not None:

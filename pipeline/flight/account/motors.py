@@ -10,6 +10,9 @@ from logparse import MissingDataError
 from pipeline.flight.account.readings import Readings
 from sysid.rotors.motor_faults import MotorFault, find_motor_faults
 
+#: Part of the thrust above which a motor that fails is said to have lost all of it.
+_ALL = 0.95
+
 
 def motor_happenings(readings: Readings, until: float) -> Iterator[Happening]:
     """Yield motors at fault before `until`, the first blow or touch-down; none where frame or outputs are missing."""
@@ -40,8 +43,7 @@ def _sentence(fault: MotorFault, again: int) -> str:
     if fault.kind == "pulse":
         times = f", one of {again} times" if again > 1 else ""
         return f"Motor {fault.motor} lacked {thrust} for {fault.end - fault.t:.1f} s{times}"
-    # Part of the thrust above which a motor that fails is said to have lost all of it.
-    if fault.loss > 0.95:
+    if fault.loss > _ALL:
         return f"Motor {fault.motor}{others} lost all its thrust"
     output = f" ({100.0 * (1.0 - fault.output):.0f} % of its output)" if fault.kind == "step" else ""
     return f"Motor {fault.motor}{others} lost {thrust}{output}"

@@ -18,6 +18,11 @@ FULL, _RESERVE, _UPRIGHT = 0.9, 0.25, np.radians(25.0)
 #: that runs away (1.3 in 31-3-2015_83, 0.4 in calm 6-3-2014_7) and a lift that is lost last, and the interruption [s]
 #: that ends neither.
 SINKING, _LASTING, _LOST, _PAUSE = 1.0, 0.75, 1.5, 0.7
+#: Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in peterbarker
+#: 1.BIN at 771 s.
+_CAUGHT = 0.75
+#: Share of its voltage that a battery sags at least when motors run; less is the supply of a board, or a constant.
+_SAGS = 0.01
 
 
 def power_happenings(readings: Readings) -> Iterator[Happening]:
@@ -38,9 +43,7 @@ def _full_throttle(readings: Readings, throttle: pd.Series[float], sink: pd.Seri
     for first, last, rows in stretches(t, much & (down > SINKING), join=_PAUSE, shortest=_LOST):
         early, late = (float(np.median(half)) for half in np.array_split(down[rows], 2))
         worst, most = float(np.max(down[rows])), float(np.median(given[rows]))
-        # Part of the sink that is left in the second half of such a time where throttle catches a descent: 0.5 in
-        # peterbarker 1.BIN at 771 s.
-        if late > 0.75 * early:
+        if late > _CAUGHT * early:
             yield finding(
                 "lift-lost",
                 f"The craft sank at up to {worst:.1f} m/s under {100.0 * most:.0f} % throttle, where "
@@ -101,5 +104,4 @@ def real_voltage(readings: Readings) -> pd.Series[float] | None:
         return None
     before = voltage.loc[: readings.flight.start]
     rest = float(before.iloc[-min(len(before), 20) :].median()) if len(before) else float(inside.max())
-    # Share of its voltage that a battery sags at least when motors run; less is the supply of a board, or a constant.
-    return voltage if rest - float(inside.min()) > 0.01 * rest else None
+    return voltage if rest - float(inside.min()) > _SAGS * rest else None

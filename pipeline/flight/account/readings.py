@@ -53,6 +53,8 @@ _CLOSED, AT_LIMIT = 0.05, 0.01
 
 #: Time [s] after lift-off in which the ground still shakes the craft: 42 m/s^2 in 22-12-2014_41.
 SHAKE = 0.5
+#: Time [s] without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
+_HOLE = 5.0
 #: What is believed of a receiver: fewest satellites of a three-dimensional fix, acceleration [m/s^2] that is no jump
 #: (uavlogviewer__vtol turns at 11; ArduCopter's own check has 10), and time [s] after which it is believed again
 #: (26-11-2014_181 jumped until its end).
@@ -201,8 +203,7 @@ class Readings:
         known = (self.tables.times(name) for name in ("attitude", "baro", "motors", "gps"))
         t = np.sort(np.concatenate([np.empty(0), *(times for times in known if times is not None)]))
         t = t[slice(*np.searchsorted(t, (self.flight.start, self.flight.stop)))]
-        # Time [s] without a row that is told of: telemetry pauses for 3 s (code-lever 2013-10-13).
-        return tuple(Span(float(t[row]), float(t[row + 1])) for row in np.flatnonzero(np.diff(t) > 5.0))
+        return tuple(Span(float(t[row]), float(t[row + 1])) for row in np.flatnonzero(np.diff(t) > _HOLE))
 
     def mode_forgotten(self, t: Floats) -> Mask:
         """Return at which times a hole may have swallowed the newest mode."""

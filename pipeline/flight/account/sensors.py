@@ -30,6 +30,8 @@ _BRIEF = 5.0
 #: what was before, and above a third of the advised limit, or this [m/s^2] of what filters leave of it (26-11-2014_181,
 #: which rose to 1.7).
 _STAYS, _TIMES, _FILTERED = 5.0, 2.0, 1.0
+#: Share of the flight beyond the limit that is more than moments.
+_SHARE = 0.1
 
 
 def sensor_happenings(readings: Readings) -> Iterator[Happening]:
@@ -184,8 +186,7 @@ def _vibrations(readings: Readings) -> Iterator[Happening]:
         )
         return
     strong = t[level > measured.harmful]
-    # Share of the flight beyond the limit that is more than moments.
-    if len(strong) > 0.1 * len(t):
+    if len(strong) > _SHARE * len(t):
         worst = float(level.max())
         yield finding(
             "vibration",

@@ -22,8 +22,12 @@ from sysid.rotors.battery import sag_resistance
 _STEADY, _UPRIGHT, _ENDS, _FEWEST = 0.5, np.radians(11.0), 20.0, 10.0
 #: ArduCopter's glitch radius [m] (GPSGLITCH_RADIUS), and time [s] beyond which one fix does not foretell the next.
 GLITCH_RADIUS, SILENT = 5.0, 2.0
+#: Dilution of a position beyond which it is not believed.
+_DILUTION = 4.0
 #: Time [s] before lift-off, and from a second after touch-down, in which the voltage at rest is read.
 _AT_REST = 4.0
+#: Highest voltage of a full lithium cell as logged: a battery has the fewest cells that bear what it shows at rest.
+_FULL = 4.4
 #: What sources of height are called.
 SOURCES = {"baro": "barometer", "autopilot": "autopilot", "gps": "GPS"}
 
@@ -87,8 +91,7 @@ def _fixes(readings: Readings, doubtful: Sequence[Span]) -> pd.DataFrame:
     if gps is None:
         return pd.DataFrame(columns=["lat", "lon", "v_n", "v_e", "satellites"], dtype=float)
     rows = gps.loc[readings.flight.start : readings.flight.stop]
-    # Dilution of a position beyond which it is not believed.
-    good = (rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= 4.0)
+    good = (rows["fix"] >= 3.0) & rows["lat"].notna() & ~(rows["hdop"] >= _DILUTION)
     return rows[good & ~within(rows.index.to_numpy(np.float64), doubtful)]
 
 
@@ -134,9 +137,7 @@ def battery(readings: Readings) -> BatteryReading | None:
         start=start,
         end=end,
         lowest=float(inside.min()),
-        # Highest voltage of a full lithium cell as logged: a battery has the fewest cells that bear what it shows at
-        # rest.
-        cells=math.ceil(max(at_rest) / 4.4) if at_rest else None,
+        cells=math.ceil(max(at_rest) / _FULL) if at_rest else None,
         sag=sag_resistance(*(column.to_numpy(np.float64) for column in columns)) if columns else None,
     )
 

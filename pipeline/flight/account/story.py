@@ -17,6 +17,8 @@ _CAUSES = frozenset(GRAVITY) - {"crash", "hard-landing", "gps-lost", "gps-glitch
 _REMARKS = frozenset(("height-estimate-wrong", "vibration", "gps-glitch", "autopilot-error"))
 #: A boot clock beyond this [s] is hard to read; times are then since take-off only.
 _READABLE = 36_000.0
+#: Longest time [s] between the end of a cause and the beginning of what it led to.
+_LED_TO = 3.0
 
 
 def gravest_first(happenings: Sequence[Happening]) -> tuple[Happening, ...]:
@@ -36,11 +38,7 @@ def tell_story(ordered: Sequence[Happening]) -> tuple[Happening, ...]:
         before = [
             finding
             for finding in ordered
-            if finding.id in _CAUSES
-            and finding.notable
-            and not _is_remark(finding)
-            # Longest time [s] between the end of a cause and the beginning of what it led to.
-            and finding.t < chain[0].t <= finding.end + 3.0
+            if finding.id in _CAUSES and finding.notable and not _is_remark(finding) and _leads(finding, chain[0])
         ]
         if not before:
             break
@@ -53,6 +51,10 @@ def tell_story(ordered: Sequence[Happening]) -> tuple[Happening, ...]:
 
 def _is_remark(happening: Happening) -> bool:
     return happening.id in _REMARKS and happening.severity is not Severity.ERROR
+
+
+def _leads(cause: Happening, effect: Happening) -> bool:
+    return cause.t < effect.t <= cause.end + _LED_TO
 
 
 def _clock(t: float, flight: Span | None) -> str:

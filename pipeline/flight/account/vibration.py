@@ -21,6 +21,10 @@ _PX4 = (4.905, 9.81, "PX4 Flight Review, accel_vibration_metric")
 _FLOOR, _SMOOTH, _FAST, _SLOWEST = 5.0, 2.0, 90.0, 20.0
 
 
+#: Time [s] after a flight's end in which a craft hits the ground (30 clips in log_0036, 6 before).
+_TOUCHING = 0.5
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vibration:
     """Vibration of the first accelerometer over time."""
@@ -40,8 +44,7 @@ class Vibration:
 
     def clipped(self, flight: Span) -> int | None:
         """Return how often an accelerometer hit its range in a flight and its touch-down; None where not logged."""
-        # Time [s] after a flight's end in which a craft hits the ground (30 clips in log_0036, 6 before).
-        first, last = np.searchsorted(self.t, (flight.start, flight.stop + 0.5))
+        first, last = np.searchsorted(self.t, (flight.start, flight.stop + _TOUCHING))
         counts = None if self.clips is None else self.clips[first : last + 1]
         if counts is None or not len(counts) or not np.isfinite(counts[[0, -1]]).any():
             return None
