@@ -196,7 +196,7 @@ def fitted_response(frf: FrequencyResponse, fit: FrequencyFit | None) -> FittedR
     return replace(
         response,
         model=_gain_and_phase(fit.response(frf.hz)),
-        structure=fit.structure.name,
+        structure=fit.structure[0].name,
         parameters=dict(fit.parameters),
         insensitivity={name: float(value) for name, value in zip(fit.names, fit.insensitivity, strict=True)},
         cost=fit.cost,

@@ -54,7 +54,8 @@ def frequency_page(survey: FrequencySurvey) -> str:
 
 def _modelled(fit: FrequencyFit) -> FrequencyResponse:
     """Return a fit's model in the place of what was measured."""
-    return replace(fit.measured, response=fit.response(fit.measured.hz))
+    measured = fit.responses[0]
+    return replace(measured, response=fit.response(measured.hz))
 
 
 def sentences(axis: AxisSurvey) -> list[str]:

@@ -165,13 +165,13 @@ def _known(
         return Parameter(None, None, unit, "the model's phase never passes this level below 100 Hz")
     sigma = _REAL_FLIGHT * model.sigma_of(quantity)
     if not sigma:
-        return Parameter(None, None, unit, f"the structure that fits, {model.structure.name}, cannot show it")
+        return Parameter(None, None, unit, f"the structure that fits, {model.structure[0].name}, cannot show it")
     if model.cost > POOR:
         return Parameter(None, None, unit, f"the structure misses the response: cost J {model.cost:.0f}")
     if not sigma < (0.3 * value if unit == "rad/s" else _LARGEST[unit]):
         return Parameter(None, None, unit, f"{uncertain(value, sigma, unit)}: too uncertain to be of use")
     at = 0.0 if level is None else crossing_of(model, level)
-    if level is not None and at > 4.0 * np.pi * float(model.measured.hz[model.measured.usable][-1]):
+    if level is not None and at > 4.0 * np.pi * float(model.responses[0].hz[model.responses[0].usable][-1]):
         passes = f"the phase passes {np.degrees(level):.0f} deg at {at:.3g} rad/s"
         return Parameter(None, None, unit, f"{passes}, beyond the frequencies that were excited")
     return Parameter(value, sigma, unit)

@@ -90,7 +90,7 @@ def _fit(fit: FrequencyFit) -> dict[str, object]:
         | _fields(model, "num den delay")
         | {
             "poles": [root.value for root in poles(model)],
-            "structure": [fit.structure.name],
+            "structure": [structure.name for structure in fit.structure],
             "insensitivity": dict(zip(fit.names, fit.insensitivity.tolist(), strict=True)),
             "state_space": dict(zip("ABCD", model.state_space, strict=True)),
         }

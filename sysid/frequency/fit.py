@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,8 @@ import scipy
 from sysid.frequency.axes import FrequencyError
 from sysid.frequency.fitted import SIGNIFICANT, cost, of_flights, stated, value_of
 from sysid.frequency.fitted import FrequencyFit as FrequencyFit
-from sysid.frequency.response import Floats, FrequencyResponse
-from sysid.frequency.structures import STRUCTURES, Structure, low_pass
+from sysid.frequency.response import Complex, Floats, FrequencyResponse
+from sysid.frequency.structures import STRUCTURES, ParameterSpec, Structure, low_pass
 
 #: Errors of the response below which no structure is right: 1 % of gain, 0.6 deg of phase.
 FLOOR = 0.01
@@ -21,16 +22,19 @@ _LEAST_MODE = (0.004, 0.02)
 
 
 def fit(
-    frf: FrequencyResponse, structure: Structure | str | None = None, *, band: tuple[float, float] | None = None
+    frf: FrequencyResponse | Sequence[FrequencyResponse],
+    structure: Structure | str | None = None,
+    *,
+    band: tuple[float, float] | None = None,
 ) -> FrequencyFit:
-    """Fit the parameters of an axis to its measured frequency response.
+    """Fit the parameters of an axis, or of several with shared lag and delay, to measured frequency responses.
 
     Errors are those of the logarithm of the response, weighted by what each frequency is worth; only frequencies with a
     coherence of 0.6 or more count.
 
     Parameters
     ----------
-    frf : FrequencyResponse
+    frf : FrequencyResponse or sequence of FrequencyResponse
     structure : Structure or str, optional
         One of `STRUCTURES` or its name; by default the one that explains the response with fewest parameters
         (Bayesian information criterion).
@@ -42,19 +46,28 @@ def fit(
     FrequencyError
         When too few frequencies are coherent, or the structure is unknown.
     """
-    return _choose(frf if band is None else frf.between(*band), structure)
+    responses = (frf,) if isinstance(frf, FrequencyResponse) else tuple(frf)
+    if not responses:
+        raise FrequencyError("no frequency responses given")
+    if band is not None:
+        responses = tuple(response.between(*band) for response in responses)
+    chosen = tuple(_choose(response, structure) for response in responses)
+    if len(responses) == 1:
+        return chosen[0]
+    starts = [part.values for part in chosen]
+    return stated(_search(responses, tuple(part.structure[0] for part in chosen), starts))
 
 
 def refit(earlier: FrequencyFit, response: FrequencyResponse) -> FrequencyFit:
     """Fit the structure of an earlier fit to one response, from the values found before."""
     if np.count_nonzero(response.counts) < len(earlier.values) + 2:
         raise FrequencyError(f"{response.axis}: too few coherent frequencies are left")
-    return stated(_search(response, earlier.structure, earlier.values))
+    return stated(_search((response,), earlier.structure, [earlier.values]))
 
 
-def _worth(response: FrequencyResponse) -> float:
-    """Return how many independent numbers the response is worth where it counts."""
-    return 2.0 * float(np.sum(response.weight_of_points[response.counts]))
+def _worth(responses: Sequence[FrequencyResponse]) -> float:
+    """Return how many independent numbers the responses are worth where they count."""
+    return 2.0 * sum(float(np.sum(response.weight_of_points[response.counts])) for response in responses)
 
 
 def _choose(response: FrequencyResponse, structure: Structure | str | None) -> FrequencyFit:
@@ -69,7 +82,7 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
             known = sorted({s.name for group in STRUCTURES.values() for s in group})
             raise FrequencyError(f"there is no structure {structure!r}; there are {', '.join(known)}")
     good = response.counts
-    worth = _worth(response)
+    worth = _worth((response,))
     attempts: list[tuple[float, int, FrequencyFit]] = []
     for candidate in candidates:
         if worth < len(candidate.specs) or np.count_nonzero(good) < len(candidate.specs) + 2:
@@ -79,7 +92,7 @@ def _choose(response: FrequencyResponse, structure: Structure | str | None) -> F
         if rare and attempts and min(attempt.excess for _, _, attempt in attempts) < 1.3:
             continue
         for start in _starts(response, candidate):
-            attempt = _search(response, candidate, start)
+            attempt = _search((response,), (candidate,), [start])
             attempts.append((attempt.excess**2 * worth, len(candidate.specs), attempt))
     if not attempts:
         low, high = (response.hz[good][0], response.hz[good][-1]) if good.any() else (0.0, 0.0)
@@ -124,13 +137,14 @@ def _stands_out(attempt: FrequencyFit, deviations: float) -> bool:
 
 def _fastest(attempt: FrequencyFit) -> float:
     """Return the highest frequency that counts, rad/s."""
-    return 2.0 * np.pi * float(attempt.measured.hz[attempt.measured.counts][-1])
+    response = attempt.responses[0]
+    return 2.0 * np.pi * float(response.hz[response.counts][-1])
 
 
 def _possible(attempt: FrequencyFit) -> bool:
     """Return whether lag, lead, delay and mode are those of a craft."""
     values = dict(zip(attempt.names, attempt.values, strict=True))
-    response, fastest = attempt.measured, _fastest(attempt)
+    response, fastest = attempt.responses[0], _fastest(attempt)
     mode = values.get("mode_frequency")
     return bool(
         max(values.get("lag", 0.0), abs(values.get("lead", 0.0))) < 0.5
@@ -173,59 +187,92 @@ def _starts(response: FrequencyResponse, structure: Structure) -> list[Floats]:
     return [np.array([guess[name] for name in structure.names]) for guess in guesses]
 
 
-def _search(response: FrequencyResponse, structure: Structure, start: Floats) -> FrequencyFit:
-    """Search the parameters of a response from a start."""
-    positive = np.array([spec.positive for spec in structure.specs])
-    sign = np.where(positive, np.sign(start), 1.0)
-    scale = np.array([spec.scale for spec in structure.specs])
-    good = response.counts
-    hz, measured, coherence = response.hz[good], response.response[good], response.coherence[good]
-    weight = np.sqrt(response.weight_of_points[good]) / np.hypot(response.sigma[good], FLOOR)
-    gyro = low_pass(hz, response.gyro_filter_hz)
+def _search(
+    responses: tuple[FrequencyResponse, ...], structures: tuple[Structure, ...], starts: Sequence[Floats]
+) -> FrequencyFit:
+    """Search the parameters of all responses together, from values of each for itself."""
+    names: list[str] = []
+    specs: list[ParameterSpec] = []
+    columns: list[tuple[int, ...]] = []
+    initial: list[float] = []
+    for k, structure in enumerate(structures):
+        own = []
+        for j, spec in enumerate(structure.specs):
+            common = sum(spec.name in other.names for other in structures) > 1
+            alone = len(structures) == 1 or (spec.name in ("lag", "delay") and common)
+            name = spec.name if alone else f"{responses[k].axis}.{spec.name}"
+            if name not in names:
+                names.append(name)
+                specs.append(spec)
+                initial.append(float(starts[k][j]))
+            own.append(names.index(name))
+        columns.append(tuple(own))
+    guess = np.array(initial)
+    positive = np.array([spec.positive for spec in specs])
+    sign = np.where(positive, np.sign(guess), 1.0)
+    scale = np.array([spec.scale for spec in specs])
+    data = [_usable(response) for response in responses]
 
     def values_of(x: Floats) -> Floats:
         return np.asarray(np.where(positive, sign * np.exp(np.clip(x, -40.0, 40.0)), x * scale))
 
     def remainder(x: Floats) -> Floats:
-        with np.errstate(all="ignore"):
-            error = np.log(measured / (structure.response(values_of(x), hz) * gyro)) * weight
-        error = np.where(np.isfinite(error), error, 1e3)
-        return np.concatenate([error.real, error.imag])
+        values = values_of(x)
+        parts = []
+        for structure, own, (hz, measured, weight, known) in zip(structures, columns, data, strict=True):
+            with np.errstate(all="ignore"):
+                error = np.log(measured / (structure.response(values[list(own)], hz) * known)) * weight
+            error = np.where(np.isfinite(error), error, 1e3)
+            parts += [error.real, error.imag]
+        return np.concatenate(parts)
 
     def slopes(x: Floats) -> Floats:
         values = values_of(x)
-        with np.errstate(all="ignore"):
-            slope = structure.slopes(values, hz) * -weight[:, None]
-        slope = np.where(np.isfinite(slope), slope, 0.0) * np.where(positive, values, scale)
-        return np.concatenate([slope.real, slope.imag])
+        turns, parts = np.where(positive, values, scale), []
+        for structure, own, (hz, _, weight, _) in zip(structures, columns, data, strict=True):
+            slope = np.zeros((len(hz), len(x)), np.complex128)
+            with np.errstate(all="ignore"):
+                slope[:, list(own)] = structure.slopes(values[list(own)], hz) * -weight[:, None]
+            slope = np.where(np.isfinite(slope), slope, 0.0) * turns
+            parts += [slope.real, slope.imag]
+        return np.concatenate(parts)
 
-    x0 = np.where(positive, np.log(np.maximum(np.abs(start), 1e-12)), start / scale)
+    x0 = np.where(positive, np.log(np.maximum(np.abs(guess), 1e-12)), guess / scale)
     # A millionth of the cost, or of a parameter, is far within its error: what came after took a third of the steps.
     result = scipy.optimize.least_squares(
         remainder, x0, slopes, method="lm", max_nfev=80, x_scale="jac", ftol=1e-6, xtol=1e-6, gtol=1e-6
     )
     values = values_of(result.x)
-    worth = _worth(response)
+    worth = _worth(responses)
     squares = 2.0 * float(result.cost)
-    excess = max(1.0, squares / max(worth - len(values), 1.0))
+    excess = max(1.0, squares / max(worth - len(specs), 1.0))
     slope = np.asarray(result.jac, dtype=np.float64)
     information = slope.T @ slope
     turn = np.where(positive, np.abs(values), scale)
     covariance = _inverse(information) * np.outer(turn, turn) * excess
-    covariance += of_flights(response, structure.names, values)
+    covariance += of_flights(responses, columns, names, values)
     with np.errstate(divide="ignore"):
         alone_sigma = turn * np.sqrt(excess / np.maximum(np.diag(information), 1e-300))
         insensitivity = alone_sigma / np.maximum(np.abs(values), 1e-300)
+    costs: list[float] = []
+    for response, structure, places in zip(responses, structures, columns, strict=True):
+        good = response.counts
+        model = structure.response(values[list(places)], response.hz[good])
+        model = model * low_pass(response.hz[good], response.gyro_filter_hz)
+        costs.append(cost(response.response[good], model, response.coherence[good]))
     return FrequencyFit(
-        axis=response.axis,
-        structure=structure,
+        axes=tuple(response.axis for response in responses),
+        structure=structures,
         parameters={},
+        names=tuple(names),
         values=values,
         covariance=covariance,
         insensitivity=np.asarray(insensitivity),
-        cost=cost(measured, structure.response(values, hz) * gyro, coherence),
+        cost=max(costs),
+        costs=tuple(costs),
         excess=float(np.sqrt(squares / max(worth, 1e-9))),
-        measured=response,
+        responses=responses,
+        columns=tuple(columns),
     )
 
 
@@ -234,3 +281,11 @@ def _inverse(information: Floats) -> Floats:
     size = np.sqrt(np.maximum(np.diag(information), 1e-12 * max(float(np.max(np.diag(information))), 1e-300)))
     known, directions = np.linalg.eigh(information / np.outer(size, size))
     return np.asarray((directions / np.maximum(known, 1e-12)) @ directions.T / np.outer(size, size))
+
+
+def _usable(response: FrequencyResponse) -> tuple[Floats, Complex, Floats, Complex]:
+    """Return frequencies, response, weights of its logarithm and the measurement's filter, where all that counts."""
+    good = response.counts
+    hz = response.hz[good]
+    weight = np.sqrt(response.weight_of_points[good]) / np.hypot(response.sigma[good], FLOOR)
+    return hz, response.response[good], np.asarray(weight), low_pass(hz, response.gyro_filter_hz)

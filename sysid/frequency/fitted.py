@@ -1,4 +1,4 @@
-"""What a fit to a frequency response found: values, their covariance, the model they make, and its cost J.
+"""What a fit to frequency responses found: values, their covariance, the model they make, and its cost J.
 
 And which parameters the data determine, with what error; of the others why not.
 """
@@ -44,31 +44,33 @@ def cost(measured: Complex, modelled: Complex, coherence: Floats) -> float:
 #: Times that shift the phase: the sign of each in the effective delay, which shows at low frequency.
 TIMES: Mapping[str, float] = {"delay": 1.0, "lag": 1.0, "lead": -1.0}
 
+#: These, and what of a closed loop lags.
+_DELAYING = (*TIMES, "corner", "damping_ratio")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class FrequencyFit(Summarised):
-    """Parameters fitted to a frequency response."""
+    """Parameters fitted to one or several frequency responses."""
 
-    axis: str
-    structure: Structure
-    #: By name. A parameter that the data do not determine has no value, and a reason.
+    axes: tuple[str, ...]
+    structure: tuple[Structure, ...]  #: One for each response.
+    #: By name; with several responses by ``"roll.gain"`` and so on, shared ones without the axis. A parameter that the
+    #: data do not determine has no value, and a reason.
     parameters: Mapping[str, Parameter]
+    names: tuple[str, ...]
     values: Floats  #: shape (k,): Of the search, in the order of `names`, determined or not.
     #: shape (k, k): Of `values`: Cramer-Rao's, widened where the response does not fit within its errors.
     covariance: Floats
     #: shape (k,): Smallest change of each parameter alone that shows, in parts of its value (Tischler and Remple 2012,
     #: 11.3.3).
     insensitivity: Floats
-    cost: float  #: J; up to 100 is good, up to 50 excellent.
+    cost: float  #: J, the largest of the responses; up to 100 is good, up to 50 excellent.
+    costs: tuple[float, ...]  #: J of each response.
     excess: float  #: Root mean square of the remainder in its own errors; 1 where the structure is right.
-    measured: FrequencyResponse = field(repr=False)
+    responses: tuple[FrequencyResponse, ...] = field(repr=False)
+    columns: tuple[tuple[int, ...], ...] = field(repr=False)
     #: Fits with other structures that explain the response too, with their probability beside this one's 1.
     others: tuple[tuple[float, FrequencyFit], ...] = field(default=(), repr=False)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the structure's parameters."""
-        return self.structure.names
 
     @property
     def correlation(self) -> Floats:
@@ -107,14 +109,17 @@ class FrequencyFit(Summarised):
         """Return the model at other parameters."""
         return replace(self, values=values)
 
-    def response(self, hz: Floats) -> Complex:
-        """Evaluate the model, with the filter of its measurement, shape (n,)."""
+    def response(self, hz: Floats, which: int = 0) -> Complex:
+        """Evaluate the model of one response, with the filter of its measurement, shape (n,)."""
         hz = np.asarray(hz, dtype=np.float64)
-        return self.structure.response(self.values, hz) * low_pass(hz, self.measured.gyro_filter_hz)
+        own = self.values[list(self.columns[which])]
+        return self.structure[which].response(own, hz) * low_pass(hz, self.responses[which].gyro_filter_hz)
 
-    def transfer_function(self) -> TransferFunction:
-        """Return the model as a ratio of polynomials, without the filter of the measurement."""
-        own, structure = self.values, self.structure
+    def transfer_function(self, which: int = 0) -> TransferFunction:
+        """Return the model of one response as a ratio of polynomials, without the filter of the measurement."""
+        columns = list(self.columns[which])
+        own, structure = self.values[columns], self.structure[which]
+        covariance = self.covariance[np.ix_(columns, columns)]
 
         def coefficients(values: Floats) -> Floats:
             num, den = structure.polynomials(values)
@@ -128,7 +133,7 @@ class FrequencyFit(Summarised):
             moved[k] += step
             slope[:, k] = (coefficients(moved) - centre) / step
         num, den = structure.polynomials(own)
-        known = np.asarray(slope @ self.covariance @ slope.T)
+        known = np.asarray(slope @ covariance @ slope.T)
         late = float(np.sqrt(max(known[-1, -1], 0.0)))
         return TransferFunction(num / den[0], den / den[0], known[:-1, :-1], delay=float(own[-1]), delay_std=late)
 
@@ -138,9 +143,10 @@ class FrequencyFit(Summarised):
         for name, value in self.parameters.items():
             known = value.value is not None and value.sigma is not None
             parts.append(f"{name} {uncertain(value.value, value.sigma, value.unit) if known else 'unknown'}")
+        kinds = "; ".join(dict.fromkeys(structure.name for structure in self.structure))
         return {
-            "axis": self.axis,
-            "structure": self.structure.name,
+            "axes": listed(self.axes),
+            "structure": kinds,
             "cost J": f"{self.cost:.1f}",
             "parameters": listed(parts),
         }
@@ -150,7 +156,7 @@ def value_of(name: str, model: FrequencyFit) -> float:
     """Return a parameter of a fit; lag and lead are zero in a structure without them, other things are unknown."""
     if name in model.names:
         return float(model.values[model.names.index(name)])
-    return 0.0 if name in TIMES else float("nan")
+    return 0.0 if name.rpartition(".")[2] in TIMES else float("nan")
 
 
 #: Powers of the throttle with which thrust may rise about hover: by the square of a speed that is linear in it, or
@@ -174,81 +180,100 @@ _EXCHANGED = 0.9
 _OF_FLIGHTS: Mapping[str, float] = {"damping": 0.06, "mode_frequency": 0.001, "mode_damping": 0.03}
 
 
-def of_flights(response: FrequencyResponse, names: Sequence[str], values: Floats) -> Floats:
+def of_flights(
+    responses: Sequence[FrequencyResponse], columns: Sequence[tuple[int, ...]], names: Sequence[str], values: Floats
+) -> Floats:
     """Return the covariance of what all frequencies of a response have in common, shape (k, k)."""
-    deviation = np.zeros(len(names))
-    if response.unit != "rad/rad":
-        deviation[:] = [_OF_FLIGHTS.get(name, 0.0) * value for name, value in zip(names, values, strict=True)]
-        deviation[-1] = np.hypot(response.systematic_delay, response.limited * values[-1])
-    # The gain comes first. What motors at their limits lack makes it too small, and late, by up to their part.
-    deviation[0] = np.hypot(response.systematic, response.limited) * values[0]
-    return np.diag(deviation**2)
+    variance = np.zeros(len(names))
+    for response, own in zip(responses, columns, strict=True):
+        # The gain comes first. What motors at their limits lack makes it too small, and late, by up to their part.
+        variance[own[0]] += (np.hypot(response.systematic, response.limited) * values[own[0]]) ** 2
+        if response.unit == "rad/rad":
+            continue
+        variance[own[-1]] = max(
+            variance[own[-1]], response.systematic_delay**2 + (response.limited * values[own[-1]]) ** 2
+        )
+        for k in own[1:]:
+            variance[k] += (_OF_FLIGHTS.get(names[k].rpartition(".")[2], 0.0) * values[k]) ** 2
+    return np.diag(variance)
 
 
 def stated(model: FrequencyFit) -> FrequencyFit:
     """Return the fit with its parameters, each with its error or why it has none."""
-    parameters = {
-        spec.name: _parameter(spec, value, model.sigma_of(partial(value_of, spec.name)), model.measured)
-        for spec, value in zip(model.structure.specs, model.values.tolist(), strict=True)
+    specs = {
+        model.names[k]: spec
+        for structure, own in zip(model.structure, model.columns, strict=True)
+        for k, spec in zip(own, structure.specs, strict=True)
     }
-    parameters |= _times(model)
+    parameters = {
+        name: _parameter(spec, value, model.sigma_of(partial(value_of, name)), model.responses)
+        for (name, spec), value in zip(specs.items(), model.values.tolist(), strict=True)
+    }
+    parameters |= _times(model, specs)
     reason = _refusal(parameters, model)
     if reason:
         parameters = {name: Parameter(None, None, known.unit, reason) for name, known in parameters.items()}
     return replace(model, parameters=parameters)
 
 
-def _times(model: FrequencyFit) -> dict[str, Parameter]:
-    """Return the effective delay, and that its parts are not determined where only their sum shows."""
+def _times(model: FrequencyFit, specs: Mapping[str, ParameterSpec]) -> dict[str, Parameter]:
+    """Return the effective delay of each axis, and that its parts are not determined where only their sum shows."""
     parameters = {}
-    flights = of_flights(model.measured, model.names, model.values)
-    parts, specs = _parts_of_delay(model), {spec.name: spec for spec in model.structure.specs}
-    places = [model.names.index(name) for name in parts]
+    flights = of_flights(model.responses, model.columns, model.names, model.values)
+    row = max(response.step for response in model.responses)  # by as much the stamps of two signals may differ
+    prefixes = dict.fromkeys(name.removesuffix("gain") for name in specs if name.rpartition(".")[2] == "gain")
+    for prefix in prefixes:
+        parts = _parts_of_delay(model, prefix)
+        places = [model.names.index(name) for name in parts]
+        delay = model.names[places[0]]
 
-    def whole(fit: FrequencyFit) -> float:
-        return sum(_parts_of_delay(fit).values())
+        def whole(fit: FrequencyFit, prefix: str = prefix) -> float:
+            return sum(_parts_of_delay(fit, prefix).values())
 
-    value, sigma = whole(model), model.sigma_of(whole)
-    known = _parameter(specs["delay"], value, sigma, model.measured)
-    if -SIGNIFICANT * sigma - model.measured.step < value < 0.0:  # by a row the stamps of two signals may differ
-        known = _of_none(value, sigma)
-    parameters["effective_delay"] = known
-    if parts["delay"] < 0.0:
-        parameters["delay"] = _of_none(parts["delay"], model.sigma_of(partial(value_of, "delay")))
-    # A lag or a lead that the structure lacks is in its delay.
-    alone = not {"lag", "lead"} & parts.keys()
-    summed = parts if _exchanged(model.covariance - flights, places) else ["delay"] if alone else []
-    reason = "only the sum of what lags, less what leads, is determined: the effective delay"
-    return parameters | {name: Parameter(None, None, specs[name].unit, reason) for name in summed}
+        value, sigma = whole(model), model.sigma_of(whole)
+        known = _parameter(specs[delay], value, sigma, model.responses)
+        if -SIGNIFICANT * sigma - row < value < 0.0:
+            known = _of_none(value, sigma)
+        parameters[f"{prefix}effective_delay"] = known
+        if parts[delay] < 0.0:
+            parameters[delay] = _of_none(parts[delay], model.sigma_of(partial(value_of, delay)))
+        # A lag or a lead that the structure lacks is in its delay.
+        alone = not {"lag", "lead"} & {name.rpartition(".")[2] for name in parts}
+        summed = parts if _exchanged(model.covariance - flights, places) else [delay] if alone else []
+        reason = "only the sum of what lags, less what leads, is determined: the effective delay"
+        parameters |= {name: Parameter(None, None, specs[name].unit, reason) for name in summed}
+    return parameters
 
 
-def _parts_of_delay(fit: FrequencyFit) -> dict[str, float]:
-    """Return what parameters add to the phase of slow inputs, s, by their names, the delay first."""
-    values = dict(zip(fit.names, fit.values.tolist(), strict=True))
-    parts = {part: sign * values[part] for part, sign in TIMES.items() if part in values}
-    if "corner" in values:
-        parts["corner"] = 1.0 / values["corner"]
-    if "damping_ratio" in values:
-        parts["damping_ratio"] = 2.0 * values["damping_ratio"] / values["natural_frequency"]
+def _parts_of_delay(fit: FrequencyFit, prefix: str) -> dict[str, float]:
+    """Return what parameters of an axis add to the phase of slow inputs, s, by their names, the delay first."""
+    own = {part: name for part in _DELAYING for name in (part, f"{prefix}{part}") if name in fit.names}
+    values = {part: value_of(name, fit) for part, name in own.items()}
+    parts = {own[part]: sign * values[part] for part, sign in TIMES.items() if part in own}
+    if "corner" in own:
+        parts[own["corner"]] = 1.0 / values["corner"]
+    if "damping_ratio" in own:
+        parts[own["damping_ratio"]] = 2.0 * values["damping_ratio"] / value_of(f"{prefix}natural_frequency", fit)
     return parts
 
 
 def _refusal(parameters: Mapping[str, Parameter], model: FrequencyFit) -> str:
     """Return why the parameters of a fit mean nothing; empty where they may."""
     # Coarse rows, averaged, leave a poor fit no excuse that the structure were too simple.
-    if model.cost > (POOR if model.measured.trim is None else ACCEPTABLE):
+    coarse = any(response.trim is not None for response in model.responses)
+    if model.cost > (ACCEPTABLE if coarse else POOR):
         return f"the structure misses the response: cost J {model.cost:.0f}"
     # A closed loop may follow as slowly as it is asked to.
-    possible = {} if model.measured.unit == "rad/rad" else _POSSIBLE
+    possible = {} if model.responses[0].unit == "rad/rad" else _POSSIBLE
     for name, known in parameters.items():
-        limits = possible.get(name)
+        limits = possible.get(name.rpartition(".")[2])
         if limits is not None and known.value is not None and not limits[0] < known.value < limits[1]:
             said = name.replace("_", " ")
             return (
                 f"{said} of {known.value:.3g} {known.unit} is none of a craft: the data say something else than the "
                 "structure"
             )
-    return _power_refusal(model.measured, model.values[0])
+    return _power_refusal(model.responses[0], model.values[0])
 
 
 def _power_refusal(response: FrequencyResponse, gain: float) -> str:
@@ -274,11 +299,12 @@ def _exchanged(covariance: Floats, places: Sequence[int]) -> bool:
     return bool(np.max(np.abs(part / np.outer(size, size) - np.eye(len(places)))) > _EXCHANGED)
 
 
-def _parameter(spec: ParameterSpec, value: float, sigma: float, response: FrequencyResponse) -> Parameter:
+def _parameter(spec: ParameterSpec, value: float, sigma: float, responses: tuple[FrequencyResponse, ...]) -> Parameter:
     """Return a parameter with its error, or why it has none."""
     if np.isfinite(sigma) and (sigma < 0.5 * abs(value) or sigma < spec.absolute):
         return Parameter(value, sigma, spec.unit)
-    low, high = response.hz[response.counts][[0, -1]]
+    low = min(float(response.hz[response.counts][0]) for response in responses)
+    high = max(float(response.hz[response.counts][-1]) for response in responses)
     return Parameter(
         None, None, spec.unit, f"not determined by {low:.2g} to {high:.2g} Hz: {uncertain(value, sigma, spec.unit)}"
     )

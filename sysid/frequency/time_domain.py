@@ -70,11 +70,12 @@ class Verification:
 
 
 def verify(model: FrequencyFit, data: GivenSignals, within: Within | None = None) -> Verification:
-    """Judge a fit on other flying: all its time in the air, without chirps, above 0.15 Hz.
+    """Judge a fit of one axis on other flying: all its time in the air, without chirps, above 0.15 Hz.
 
     Parameters
     ----------
-    model : FrequencyFit
+    found : FrequencyFit
+        Of one axis.
     data : FlightLog, path-like, or a sequence of either
     within : tuple of float, optional
         From when to when a log counts, s on its boot clock.
@@ -82,9 +83,11 @@ def verify(model: FrequencyFit, data: GivenSignals, within: Within | None = None
     Raises
     ------
     FrequencyError
-        Where the flights have no signals of the axis or too little is left of them.
+        Where the flights have no signals of the axis or too little is left of them, or the fit is of several axes.
     """
-    axis = AXES[model.axis]
+    if len(model.axes) != 1:
+        raise FrequencyError("a verification takes a fit of one axis")
+    axis = AXES[model.axes[0]]
 
     def cut(source: LogSignals) -> AxisRecord:
         record = ordinary_record(source, axis)
@@ -97,15 +100,15 @@ def verify(model: FrequencyFit, data: GivenSignals, within: Within | None = None
 
 
 def hold_out(model: FrequencyFit, logs: Sequence[LogSignals]) -> Verification:
-    """Judge a fit on flying that it was not made from, or one of the same kind where it was made from all.
+    """Judge a fit of one axis on flying that it was not made from, or one of the same kind where it was made from all.
 
     A fit to chirps is judged on the rest of its logs. Of ordinary flying the last log, or the last part of the only
     one, is judged by a fit to the others.
     """
-    axis = AXES[model.axis]
-    if axis.attitude and model.measured.step > 1.0 / FOLDING:
+    axis = AXES[model.axes[0]]
+    if axis.attitude and model.responses[0].step > 1.0 / FOLDING:
         raise FrequencyError(
-            f"rows at {1.0 / model.measured.step:.0f} Hz show the command in aliases, from which nothing can be "
+            f"rows at {1.0 / model.responses[0].step:.0f} Hz show the command in aliases, from which nothing can be "
             "predicted; log it at 25 Hz or more"
         )
     if any(signals.chirps(axis.name) for signals in logs):
@@ -119,8 +122,8 @@ def hold_out(model: FrequencyFit, logs: Sequence[LogSignals]) -> Verification:
 
 
 def verify_records(model: FrequencyFit, records: Sequence[AxisRecord]) -> Verification:
-    """Judge a fit on records that it was not made from."""
-    axis = AXES[model.axis]
+    """Judge a fit of one axis on records that it was not made from."""
+    axis = AXES[model.axes[0]]
     errors, outputs, models, scores, ahead = [], [], [], [], []
     seconds = float(sum(np.count_nonzero(record.usable) * record.dt for record in records))
     if seconds < SHORTEST_FLIGHT:

@@ -145,7 +145,7 @@ def predicted_errors(loop: RateLoop, model: FrequencyFit, energy: Floats) -> tup
     `energy`: of the experiment at the mixer, per Hz. As the fit names
     them; empty where the experiment determines nothing.
     """
-    frf, structure = loop.frf, model.structure
+    frf, structure = loop.frf, model.structure[0]
     names = list(structure.names)
     with np.errstate(divide="ignore", invalid="ignore"):
         sigma = frf.sigma * np.sqrt(flown_energy(loop) / energy)

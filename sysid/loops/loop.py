@@ -254,8 +254,8 @@ def ordinary_loop(name: str, frf: FrequencyResponse, model: FrequencyFit, settin
         Of the log or logs.
     frf : FrequencyResponse
         From controller output to rate, through the gyro's filters.
-    model : FrequencyFit
-        To it.
+    found : FrequencyFit
+        To it, of one axis.
     settings : LoopSettings
         As flown.
 

@@ -239,11 +239,11 @@ def _models(model: FrequencyFit, hz: Floats, count: int, generator: np.random.Ge
     deviation = np.sqrt(np.maximum(np.diag(model.covariance), 0.0))
     # Positive parameters keep their sign.
     values = generator.multivariate_normal(model.values, model.covariance, count, method="svd")
-    positive = np.array([spec.positive for spec in model.structure.specs])
+    positive = np.array([spec.positive for spec in model.structure[0].specs])
     least = np.where(positive, 0.05 * np.abs(model.values), -np.inf)
     values = np.where(deviation > 0.0, np.maximum(values, least), model.values)
     models = np.stack([model.at(one).response(hz) for one in values])
-    names = model.structure.names
+    names = model.structure[0].names
     if "lag" not in names:
         # Below the coherent band's end a lag looks like a delay; how much of the delay is one is open.
         lag = np.maximum(values[:, [names.index("delay")]], 0.0) * generator.uniform(0.0, 1.0, (count, 1))

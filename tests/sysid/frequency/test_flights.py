@@ -10,12 +10,12 @@ from scipy.io import loadmat
 from scipy.signal import lfilter
 
 from logparse import FlightLog
-from simulation.axis_loop import Shaking
+from simulation.axis_loop import Shaking, run_axis
 from sysid import Experiment, frequency
 from sysid.frequency.export import to_control, write
 from sysid.frequency.survey import survey
 from sysid.frequency.time_domain import UNRELATED, verify
-from tests.sysid.axis_flights import CHIRP, PLANT, STICKS, flown
+from tests.sysid.axis_flights import CHIRP, GAINS, PLANT, STICKS, flown, logged
 
 
 @pytest.fixture(scope="module")
@@ -127,9 +127,27 @@ def test_the_moment_that_air_makes_with_speed_is_told_from_inertia() -> None:
         rates[k] = state[0]
     data = Experiment.from_arrays(t, u, rates, input_names=["roll"], output_names=["w_x"])
     fitted = frequency.fit(frequency.response([data], "roll"), band=(0.1, 8.0))
-    assert fitted.structure.name == "rate, speed"
+    assert fitted.structure[0].name == "rate, speed"
     assert fitted.parameters["gain"].value == pytest.approx(400.0, rel=0.05)
     assert fitted.parameters["speed_moment"].value == pytest.approx(22.0 * 9.8, rel=0.1)
+
+
+@pytest.mark.slow
+def test_several_axes_share_lag_and_delay(tmp_path: Path) -> None:
+    runs = {
+        name: run_axis(
+            replace(PLANT, gain=gain),
+            GAINS,
+            replace(CHIRP, duration=80.0, chirp_start=start, sid_axis=axis),
+            axis,
+        )
+        for name, gain, start, axis in (("roll", 300.0, 0.0, 10), ("pitch", 250.0, 40.0, 11))
+    }
+    log = logged(tmp_path, runs)
+    joint = frequency.fit([frequency.response(log, axis) for axis in ("roll", "pitch")])
+    assert joint.parameters["lag"].value == pytest.approx(0.03, rel=0.05)
+    assert joint.parameters["roll.gain"].value == pytest.approx(300.0, rel=0.05)
+    assert joint.parameters["pitch.gain"].value == pytest.approx(250.0, rel=0.05)
 
 
 class TestBadInput:
@@ -167,5 +185,5 @@ def test_files_for_other_tools(chirped: FlightLog, tmp_path: Path) -> None:
     measured, modelled = to_control(frf), to_control(fit)
     assert isinstance(measured, control.FRD)
     hz = 2.0
-    without_filter = fit.structure.response(fit.values, np.array([hz]))[0]
+    without_filter = fit.structure[0].response(fit.values, np.array([hz]))[0]
     assert abs(modelled(2j * np.pi * hz)) == pytest.approx(abs(without_filter), rel=0.02)
