@@ -24,7 +24,7 @@ def run() -> list[Row]:
 def simulated() -> list[Row]:
     """Fit the octocopter: worst error of what is determined, and the time that it takes."""
     seen, craft = record(exciting(50.0), np.random.default_rng(1)), octocopter()
-    fit_rigid_body([seen[: round(20.0 / seen.dt)]])  # compiles
+    fit_rigid_body([seen.window(seen.t[0], seen.t[0] + 20.0)])  # compiles
     model, seconds = timed(lambda: fit_rigid_body([seen], mass=craft.mass))
     judged = ("thrust", "drag", "roll_gain", "pitch_gain")
     stated = simulated_truth(craft, model.reference_voltage, (0.0, 0.0)).parameters

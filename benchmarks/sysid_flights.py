@@ -14,11 +14,8 @@ FITTED, HELD_OUT = ("paper01", "paper02", "paper03"), ("paper04", "paper05", "pa
 #: A mission, and missions and stick flights of the same airframe family.
 MISSION = "octa01_auto_calm"
 OTHERS = ("octa02_auto_wind2", "octa05_auto_quito", "octa07_loiter_sticks", "octa09_systemid_mixer", *FITTED, *HELD_OUT)
-#: Input set and frame of each table; motors and references have one frame only.
-SETS = (
-    ("motors", "earth"),
-    *((inputs, frame) for inputs in ("mixer", "rate_outputs") for frame in ("earth", "heading")),
-)
+#: Input set and frame of each table; references have one frame only.
+SETS = tuple((inputs, frame) for inputs in ("motors", "mixer", "rate_outputs") for frame in ("earth", "heading"))
 BASELINES = ["rmse_mean", "rmse_constant_position", "rmse_constant_velocity", "rmse_reference"]
 
 

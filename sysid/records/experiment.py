@@ -197,16 +197,17 @@ class Experiment(Summarised):
             Of the same log.
         rate : float
             Samples per second. What was logged faster is low-pass filtered first (zero phase).
-        inputs : {"motors", "rotor_speeds", "mixer", "rate_outputs", "reference"}
+        inputs : {"motors", "rotor_speeds", "mixer", "rate_outputs", "reference", "velocity_reference"}
             See `sysid.records.inputs`: PWM in us by motor number, ``m1 ...``, or rad/s as ESCs report it; the mixer's
             commands ``thrust roll pitch yaw`` that the motors' outputs amount to; ``roll pitch yaw throttle`` of the
-            rate controller; position asked for by the position controller.
+            rate controller; position or velocity asked for by the position controller.
         outputs : {"position", "velocity"}
             ``x y z``: metres north, east and up of the piece's first sample (axes of Elhesasy 2024); or
             ``v_x v_y v_z``, m/s.
         frame : {"earth", "heading"}
             With ``"heading"`` a craft that turns keeps one linear model: commands of roll and pitch are turned into the
-            earth frame by the measured yaw. See `sysid.records.inputs`.
+            earth frame by the measured yaw; with motors as inputs the motion is turned into the heading instead. See
+            `sysid.records.inputs`.
         name : str, optional
             Defaults to the file's name.
         beside : iterable of Experiment
@@ -306,6 +307,10 @@ class Experiment(Summarised):
             raise ExperimentError(f"{self.name}: cut samples as record[first:last]; for another rate use resample")
         return self._cut(samples)
 
+    def window(self, t0: float, t1: float) -> Experiment:
+        """Cut the samples with t0 <= t < t1 into a record of their own, with trims of its own."""
+        return self._cut(slice(int(np.searchsorted(self.t, t0)), int(np.searchsorted(self.t, t1))))
+
     def split(self, fraction: float) -> tuple[Experiment, Experiment]:
         """Divide into the first `fraction` of the time and the rest, each with trims of its own."""
         if not 0.0 < fraction < 1.0:
@@ -352,6 +357,38 @@ class Experiment(Summarised):
         if not self.rate > FASTER * rate:
             return self
         return self._resampled(rate, later=0.5 * (1.0 / rate - 1.0 / self.rate))
+
+    def select(self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None) -> Experiment:
+        """Keep some of the inputs and outputs, in the order given; all of them where nothing is given.
+
+        Raises
+        ------
+        ExperimentError
+            When the record has none of that name.
+        """
+        columns_u = self._columns(self.input_names, inputs, "input")
+        columns_y = self._columns(self.output_names, outputs, "output")
+        return replace(
+            self,
+            u=self.u[:, columns_u],
+            y=self.y[:, columns_y],
+            input_names=tuple(self.input_names[k] for k in columns_u),
+            output_names=tuple(self.output_names[k] for k in columns_y),
+            input_trim=self.input_trim[columns_u],
+            output_trim=self.output_trim[columns_y],
+        )
+
+    def _columns(self, names: Sequence[str], wanted: Sequence[str] | None, kind: str) -> list[int]:
+        if wanted is None:
+            return list(range(len(names)))
+        unknown = [name for name in wanted if name not in names]
+        if unknown or not wanted:
+            raise ExperimentError(
+                f"{self.name} has no {kind} {', '.join(unknown)}; its {kind}s are {', '.join(names)}"
+                if unknown
+                else f"{self.name}: no {kind} is selected"
+            )
+        return [list(names).index(name) for name in wanted]
 
     def _cut(self, rows: slice) -> Experiment:
         t = self.t[rows]

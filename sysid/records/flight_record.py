@@ -10,9 +10,9 @@ import pandas as pd
 
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from logparse.tables import between
-from sysid.records import MIN_SAMPLES
+from sysid.records import MIN_SAMPLES, Floats
 from sysid.records.context import has_pressure, resample_frame, shared_context
-from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs
+from sysid.records.inputs import INPUT_SETS, Inputs, read_inputs, yaw_of
 from sysid.records.mixer import mixer_differs, project, rounding
 from sysid.records.resampling import resample
 
@@ -31,7 +31,7 @@ REST, STILL = (1.5, 5.0), 0.2
 _CLEAR, _LIFTING = 0.3, 2.0
 
 #: Input sets that are the sums of several signals: one of them missing is all missing.
-_WHOLE = ("mixer", "rate_outputs", "reference")
+_WHOLE = ("mixer", "rate_outputs", "reference", "velocity_reference")
 
 #: Finding of a record whose horizontal motion was not measured.
 POSITION_UNKNOWN = "position-unknown"
@@ -41,8 +41,7 @@ BELOW_ROUNDING = "constant-input"
 
 Record = TypeVar("Record")
 
-#: First letter of the columns of each kind of output, names, and unit.
-OUTPUTS = {"position": ("p", ("x", "y", "z"), "m"), "velocity": ("v", ("v_x", "v_y", "v_z"), "m/s")}
+OUTPUTS = ("position", "velocity")
 FRAMES = ("earth", "heading")
 
 
@@ -110,18 +109,18 @@ def record_flight(
                 "Wait for a 3-D fix before take-off, and log GPS; height, attitude and rates are known without.",
             )
         )
-    if inputs in ("motors", "mixer") and log.tables.motors is not None:
+    if inputs in ("motors", "mixer"):
         more += _rounded(log.tables.motors, log.vehicle, start, stop)
         more += mixer_differs(log.tables, log.vehicle, start, stop)
     more += _steps(source, start, stop)
-    kind, names_y, unit = OUTPUTS[outputs]
-    y = resample_frame(states[[f"{kind}_n", f"{kind}_e", f"{kind}_d"]], t) * [1.0, 1.0, -1.0]
-    names_u = tuple(map(str, piece.columns))
+    motion, unit = _motion(states, outputs, turned=frame == "heading" and inputs in ("motors", "rotor_speeds"))
+    y = resample_frame(motion, t)
     if outputs == "position":
         if inputs == "reference":
             # Counted from where the craft was, as positions are, so that their difference is the loop's error.
             u = u - y[0]
         y = y - y[0]
+    names_u, names_y = (tuple(map(str, table.columns)) for table in (piece, motion))
     return make(
         t,
         u,
@@ -184,8 +183,10 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
     ]
 
 
-def _rounded(motors: pd.DataFrame, vehicle: Vehicle, start: float, stop: float) -> list[Finding]:
+def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
     """Report which commands of the mixer drown in the rounding of PWM to whole microseconds."""
+    if motors is None or vehicle is None:
+        return []
     flown = motors.loc[start:stop].dropna(how="any")
     try:
         noise = rounding(flown, vehicle)
@@ -209,6 +210,28 @@ def _rounded(motors: pd.DataFrame, vehicle: Vehicle, start: float, stop: float) 
             | {f"rounding_{name}": noise[name] for name in drowned},
         )
     ]
+
+
+def _motion(states: pd.DataFrame, outputs: str, *, turned: bool) -> tuple[pd.DataFrame, str]:
+    """Return position or velocity, z up, along north and east or, turned, along and across the nose; and its unit."""
+    kind, unit = ("p", "m") if outputs == "position" else ("v", "m/s")
+    values = states[[f"{kind}_n", f"{kind}_e", f"{kind}_d"]].to_numpy(np.float64) * [1.0, 1.0, -1.0]
+    names = ["x", "y", "z"]
+    if turned:
+        names = ["forward", "right", "z"]
+        yaw = yaw_of(states)
+        if outputs == "position":
+            middle, steps = 0.5 * (yaw[1:] + yaw[:-1]), np.diff(values[:, :2], axis=0)
+            values[:, :2] = np.vstack([np.zeros(2), np.cumsum(_to_heading(steps, middle), axis=0)])
+        else:
+            values[:, :2] = _to_heading(values[:, :2], yaw)
+    columns = names if outputs == "position" else [f"v_{name}" for name in names]
+    return pd.DataFrame(values, index=states.index, columns=columns), unit
+
+
+def _to_heading(north_east: Floats, yaw: Floats) -> Floats:
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.column_stack([c * north_east[:, 0] + s * north_east[:, 1], c * north_east[:, 1] - s * north_east[:, 0]])
 
 
 def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.DataFrame, list[Finding]]:

@@ -7,13 +7,22 @@
 ``rate_outputs``            ``roll pitch yaw throttle`` as the rate and height controllers gave them to the mixer
 ``reference``               ``x y z``: where the position controller wanted the craft, m north, east, up of the record's
                             first position, so that reference less position is the controller's error
+``velocity_reference``      ``v_x v_y v_z``: velocity asked of the craft, m/s north, east, up
 ==========================  ===========================================================================================
 
-A craft that turns is one linear system only when cause and effect are expressed in one frame. With ``frame="heading"``
-roll and pitch of ``mixer`` and ``rate_outputs`` are turned into the earth frame of the outputs by the measured yaw and
-called ``tilt_x`` and ``tilt_y``, the commands that tip the thrust towards north and east. The thrust axis obeys rolling
-and pitching wherever the nose points, so this is exact for a craft whose roll and pitch are alike, but for the
-gyroscopic terms of fast turns. Of other inputs nothing is turned.
+A craft that turns is one linear system only when cause and effect are expressed in one frame. ``frame="heading"``
+does that with the measured yaw:
+
+- ``mixer`` and ``rate_outputs``: roll and pitch are turned into the earth frame and called ``tilt_x`` and ``tilt_y``,
+  the commands that tip the thrust towards north and east; outputs stay in the earth frame. The thrust axis obeys
+  rolling and pitching wherever the nose points, so this is exact for a craft whose roll and pitch are alike, but for
+  the gyroscopic terms of fast turns.
+- ``motors`` and ``rotor_speeds``: they are bolted to the craft. Instead, what is measured is turned into its heading:
+  ``forward`` and ``right`` are the increments of position along and across the nose, summed
+  (`sysid.records.flight_record`). It neglects that turning at speed v by r rad/s shows as an acceleration ``r v``
+  without any input.
+- ``reference`` and ``velocity_reference``: reference and position are both of the earth, and the position controller
+  works there, so nothing is turned.
 """
 
 from __future__ import annotations
@@ -35,7 +44,7 @@ if TYPE_CHECKING:
     from estimation import Trajectory
 
 #: Sets of inputs by their public names.
-INPUT_SETS = ("motors", "rotor_speeds", "mixer", "rate_outputs", "reference")
+INPUT_SETS = ("motors", "rotor_speeds", "mixer", "rate_outputs", "reference", "velocity_reference")
 
 #: A jump this near to a change of mode is a restart of the controller, s.
 RESTART = 1.0
@@ -73,7 +82,7 @@ class Inputs:
     findings: tuple[Finding, ...] = ()
 
 
-def read_inputs(tables: Tables, vehicle: Vehicle, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
+def read_inputs(tables: Tables, vehicle: Vehicle | None, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
     """Read one of the `INPUT_SETS` from a log's tables."""
     if kind == "reference":
         return _reference(tables, trajectory)
@@ -81,7 +90,7 @@ def read_inputs(tables: Tables, vehicle: Vehicle, trajectory: Trajectory, kind: 
         return _turned(_mixer(tables, vehicle), trajectory, frame)
     if kind == "rate_outputs":
         return _turned(_rate_outputs(tables), trajectory, frame)
-    return _motors(tables) if kind == "motors" else _rotor_speeds(tables)
+    return {"motors": _motors, "rotor_speeds": _rotor_speeds, "velocity_reference": _velocity_reference}[kind](tables)
 
 
 def _motors(tables: Tables) -> Inputs:
@@ -101,10 +110,10 @@ def _rotor_speeds(tables: Tables) -> Inputs:
     return Inputs(signals=esc[list(names)].rename(columns=names), unit="rad/s", title="rotor speeds")
 
 
-def _mixer(tables: Tables, vehicle: Vehicle) -> Inputs:
+def _mixer(tables: Tables, vehicle: Vehicle | None) -> Inputs:
     motors = _motors(tables).signals
     voltage = voltage_at(tables.battery, motors.index.to_numpy(np.float64))
-    return Inputs(signals=project(motors, vehicle, voltage), unit="1", title="motor outputs")
+    return Inputs(signals=project(motors, vehicle or Vehicle(), voltage), unit="1", title="motor outputs")
 
 
 def _rate_outputs(tables: Tables) -> Inputs:
@@ -145,8 +154,7 @@ def _turned(inputs: Inputs, trajectory: Trajectory, frame: str) -> Inputs:
     signals = inputs.signals
     states = trajectory.states
     t = signals.index.to_numpy(np.float64)
-    heading = angles_of(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(np.float64))["yaw"]
-    yaw = np.interp(t, states.index.to_numpy(np.float64), heading)
+    yaw = np.interp(t, states.index.to_numpy(np.float64), yaw_of(states))
     forward, right = -signals["pitch"].to_numpy(np.float64), signals["roll"].to_numpy(np.float64)
     turned = {
         "roll": ("tilt_x", np.cos(yaw) * forward - np.sin(yaw) * right),
@@ -158,11 +166,16 @@ def _turned(inputs: Inputs, trajectory: Trajectory, frame: str) -> Inputs:
     return replace(inputs, signals=pd.DataFrame(columns, index=signals.index))
 
 
+def yaw_of(states: pd.DataFrame) -> Floats:
+    """Heading of a trajectory's states, rad, unwrapped."""
+    return angles_of(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(np.float64))["yaw"]
+
+
 def _reference(tables: Tables, trajectory: Trajectory) -> Inputs:
     names, states = ["p_n", "p_e", "p_d"], trajectory.states
     targets = framed(_no_finer(column, states) for column in tables.columns("setpoints", names))
     if targets is None or len(targets := targets.dropna()) < 2:
-        raise MissingDataError(_no_reference(tables))
+        raise MissingDataError(_no_reference(tables, "position", "PSCN, PSCE and PSCD"))
     t = targets.index.to_numpy(np.float64)
     position = np.column_stack(
         [np.interp(t, states.index.to_numpy(np.float64), states[name].to_numpy(np.float64)) for name in names]
@@ -204,17 +217,41 @@ def _no_finer(column: pd.Series[float], states: pd.DataFrame) -> pd.Series[float
     return column.iloc[:: max(round(theirs / ours), 1)]
 
 
-def _no_reference(tables: Tables) -> str:
+def _velocity_reference(tables: Tables) -> Inputs:
+    asked, corrected = ["v_n_ref", "v_e_ref", "v_d_ref"], ["v_n", "v_e", "v_d"]
+    table = tables.part("setpoints", asked + corrected)
+    findings: tuple[Finding, ...] = ()
+    targets = None if table is None else table[asked].dropna()
+    if (targets is None or len(targets) < 2) and table is not None:
+        targets = table[corrected].dropna()
+        findings = (
+            Finding(
+                "reference-doubtful",
+                Severity.WARNING,
+                "this log has velocity targets only after the position controller added its correction; they contain "
+                "the measured position, so that a free run from them is no test of a model",
+                "firmware since 4.1 logs the velocity asked for apart (PSCN.DVN)",
+            ),
+        )
+    if targets is None or len(targets) < 2:
+        raise MissingDataError(_no_reference(tables, "velocity", "PSCN, PSCE and PSCD"))
+    signals = pd.DataFrame(
+        targets.to_numpy(np.float64) * [1.0, 1.0, -1.0], index=targets.index, columns=["v_x", "v_y", "v_z"]
+    )
+    return Inputs(signals=signals, unit="m/s", title="velocity targets", findings=findings)
+
+
+def _no_reference(tables: Tables, kind: str, messages: str) -> str:
     """Explain why there is no reference: nobody flew by it, or it was not logged."""
     modes = [] if tables.modes is None else list(dict.fromkeys(str(mode) for mode in tables.modes["mode"]))
     if modes and set(modes) <= _WITHOUT_POSITION:
         return (
-            f"no position targets: the flight was flown in {', '.join(modes)}, where no position is held; "
+            f"no {kind} targets: the flight was flown in {', '.join(modes)}, where no position is held; "
             "closed-loop models need LOITER, GUIDED or AUTO"
         )
     return (
-        "no position targets (no PSCN, PSCE and PSCD; NTUN of firmware before 4.0, POSITION_TARGET_LOCAL_NED in "
-        "telemetry); log the targets of the position controller (navigation tuning); for telemetry request that message"
+        f"no {kind} targets (no {messages}; NTUN of firmware before 4.0, POSITION_TARGET_LOCAL_NED in telemetry); "
+        "log the targets of the position controller (navigation tuning); for telemetry request that message"
     )
 
 

@@ -97,7 +97,8 @@ def fit_closed_loop(
     Parameters
     ----------
     experiments : Experiment or sequence of Experiment
-        Of ``inputs="reference"``: inputs and outputs have the same names.
+        Of ``inputs="reference"``, or ``"velocity_reference"`` with velocities as outputs: inputs and outputs have the
+        same names.
     poles, zeros : int
         Of H; 2 <= zeros < poles. Two of the zeros are at s = 0.
     time_limit, progress

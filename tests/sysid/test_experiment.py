@@ -37,6 +37,9 @@ def test_split_and_window_carry_everything_along():
     np.testing.assert_allclose(second.input_trim, made.u[70:].mean(axis=0))
     assert first.name != second.name
     assert first.units == {"y1": "m"}
+    middle = made.window(2.0, 5.0)
+    assert middle.t[0] == pytest.approx(2.0)
+    assert middle.t[-1] == pytest.approx(4.9)
     with pytest.raises(ExperimentError, match="window of 1 samples"):
         made.split(0.99)
 
@@ -66,6 +69,21 @@ def test_records_of_different_kinds_are_not_mixed():
         require_alike([record(), record(output_names=["z"], name="b")])
     with pytest.raises(ExperimentError, match="10 Hz"):
         require_alike([record(), record(t=np.arange(100) * 0.05, name="b")])
+
+
+def test_selected_signals_keep_their_order_trims_and_units():
+    made = record(
+        u=np.column_stack([T, 2.0 * T, 3.0 * T]), y=np.column_stack([1.0 + T, -T]), units={"u3": "m", "y2": "m"}
+    )
+    part = made.select(inputs=["u3", "u1"], outputs=["y2"])
+    np.testing.assert_allclose(part.u, np.column_stack([3.0 * T, T]))
+    np.testing.assert_allclose(part.input_trim, [3.0 * 4.95, 4.95])
+    assert (part.input_names, part.output_names) == (("u3", "u1"), ("y2",))
+    assert made.select(outputs=["y1"]).input_names == ("u1", "u2", "u3")
+    with pytest.raises(ExperimentError, match="a has no input m9; its inputs are u1, u2, u3"):
+        made.select(inputs=["m9"])
+    with pytest.raises(ExperimentError, match="no output is selected"):
+        made.select(outputs=[])
 
 
 def test_a_slower_copy_of_a_fast_record_keeps_the_delay_of_held_inputs():

@@ -129,6 +129,19 @@ def test_a_target_that_jumps_with_the_autopilots_own_estimate_is_a_reset():
     assert record.t[-1] == pytest.approx(35.0, abs=0.2)
 
 
+def test_velocity_reference_is_what_was_asked_for_and_not_what_the_controller_made_of_it():
+    asked = setpoints(v_n_ref=0.1 * T, v_e_ref=0.0 * T, v_d_ref=-0.2 * T, v_n=9.0 + T, v_e=T, v_d=T)
+    record = Experiment.from_flight(*made(Tables(setpoints=asked)), inputs="velocity_reference", outputs="velocity")
+    assert record.input_names == record.output_names == ("v_x", "v_y", "v_z")
+    np.testing.assert_allclose(record.u[0], [1.0, 0.0, 2.0], atol=1e-9)
+    assert not record.findings
+    old = setpoints(v_n=0.1 * T, v_e=0.0 * T, v_d=-0.2 * T)
+    record = Experiment.from_flight(*made(Tables(setpoints=old)), inputs="velocity_reference", outputs="velocity")
+    (finding,) = record.findings
+    assert finding.id == "reference-doubtful"
+    assert "contain the measured position" in finding.reason
+
+
 def test_tilt_commands_push_where_the_thrust_tips():
     """Nose to the east: rolling right pushes south, pitching down pushes east."""
     tables = Tables(rates=rates(out_roll=np.full_like(T, 0.02), out_pitch=np.full_like(T, -0.05)))
@@ -137,6 +150,24 @@ def test_tilt_commands_push_where_the_thrust_tips():
     np.testing.assert_allclose(record.u[:, 0], -0.02, atol=1e-9)
     np.testing.assert_allclose(record.u[:, 1], 0.05, atol=1e-9)
     assert record.output_names == ("x", "y", "z")
+
+
+def test_the_motion_is_turned_into_the_heading_where_motors_are_the_inputs():
+    """A circle flown nose first is straight ahead: forward is the way flown, right is nothing."""
+    motors = timed(T, m1=1500.0 + T, m2=1400.0 - T)
+    log, trajectory = made(
+        Tables(motors=motors),
+        north=lambda t: 10.0 * np.sin(0.3 * t),
+        east=lambda t: 10.0 * (1.0 - np.cos(0.3 * t)),
+        yaw=lambda t: 0.3 * t,
+    )
+    record = Experiment.from_flight(log, trajectory, frame="heading")
+    assert record.output_names == ("forward", "right", "z")
+    np.testing.assert_allclose(record.y[:, 0], 3.0 * (record.t - record.t[0]), atol=2e-3)
+    np.testing.assert_allclose(record.y[:, 1], 0.0, atol=2e-3)
+    velocity = Experiment.from_flight(log, trajectory, frame="heading", outputs="velocity")
+    assert velocity.output_names == ("v_forward", "v_right", "v_z")
+    np.testing.assert_allclose(velocity.y[:, 0], 3.0, atol=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -150,6 +181,7 @@ def test_tilt_commands_push_where_the_thrust_tips():
         (Tables(), "reference", "PSCN, PSCE and PSCD.*POSITION_TARGET_LOCAL_NED.*navigation tuning"),
         (Tables(setpoints=setpoints(p_d=T)), "reference", "no position targets"),
         (Tables(setpoints=hold(T[T > 55.0][:1])), "reference", "no position targets"),
+        (Tables(), "velocity_reference", "no velocity targets"),
         (Tables(setpoints=hold(T[T > 55.0])), "reference", "no position targets in flight"),
         (Tables(setpoints=hold(T[T > 49.6])), "reference", "overlap in flight for 0.[34] s only"),
         (
@@ -192,8 +224,8 @@ def test_projected_motors_are_what_the_autopilot_asked_of_its_mixer(sitl):
     """
     mixer, rate = (Experiment.from_flight(*sitl("y6_01_auto"), inputs=kind) for kind in ("mixer", "rate_outputs"))
     for command, logged, least in (("thrust", "throttle", 0.98), ("yaw", "yaw", 0.99), ("pitch", "pitch", 0.4)):
-        ours = mixer.u[:, mixer.input_names.index(command)]
-        theirs = rate.u[:, rate.input_names.index(logged)]
+        ours = mixer.select(inputs=[command]).u[:, 0]
+        theirs = rate.select(inputs=[logged]).u[:, 0]
         n = min(len(ours), len(theirs))
         assert np.corrcoef(ours[:n], theirs[:n])[0, 1] > least
         if least > 0.9:
