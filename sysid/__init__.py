@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from sysid.records.table_export import write_table
     from sysid.rigid_body.body_fit import fit_rigid_body
     from sysid.rigid_body.craft_export import FrameExport, frame_json, write_craft
-    from sysid.rigid_body.hover import HoverModel, hover_model
+    from sysid.rigid_body.hover import HoverModel, hover_from_speeds, hover_model
     from sysid.rigid_body.model import RigidBodyModel
     from sysid.rigid_body.model_record import BodyParameter, FlightTrim
     from sysid.rigid_body.physical import PhysicalParameters, physical_parameters
@@ -89,6 +89,7 @@ __all__ = [
     "fit_transfer_functions",
     "frame_json",
     "frequency_response",
+    "hover_from_speeds",
     "hover_model",
     "learn_correction",
     "physical_parameters",

@@ -10,8 +10,10 @@ from scipy.io import loadmat
 
 from logparse import MissingDataError, Vehicle
 from logparse.craft.frames import motor_table
+from simulation import kim2017 as paper
+from simulation.controllers import hover_linearisation
 from sysid.rigid_body.craft_export import frame_json, write_craft
-from sysid.rigid_body.hover import hover_model
+from sysid.rigid_body.hover import hover_from_speeds, hover_model
 from sysid.rigid_body.model import ROTATION_UNITS, TRANSLATION_UNITS, RigidBodyModel
 from sysid.rigid_body.model_record import BodyParameter
 
@@ -125,6 +127,26 @@ def test_no_frame_without_mass_or_thrust():
         frame_json(body(missing=("thrust",)))
 
 
+def test_hover_model_of_kim_2017():
+    """Eq. 17 with the printed numbers is the simulator's linearisation, and all eigenvalues of A are zero."""
+    craft, speeds = paper.quadcopter(16.0), paper.TRIM_SPEEDS[-1]
+    expected_a, expected_b = hover_linearisation(craft, speeds)
+    hover = hover_from_speeds(
+        speeds,
+        paper.THRUST_COEFFICIENTS[-1],
+        paper.TORQUE_COEFFICIENTS[-1],
+        np.diag(paper.INERTIA),
+        [mount.position[0] for mount in craft.rotors],
+        [mount.position[1] for mount in craft.rotors],
+        [mount.spin for mount in craft.rotors],
+    )
+    assert pytest.approx(expected_a) == hover.A
+    assert pytest.approx(expected_b) == hover.B
+    assert hover.B[2:4] == pytest.approx(paper.PRINTED_INPUT[:2], abs=1.6e-4)
+    assert hover.eigenvalues == pytest.approx([0.0] * 5)
+    assert hover.controllable
+
+
 def test_hover_model_of_a_rigid_body():
     model = hover_model(body())
     c = model.trim[0]
@@ -134,7 +156,8 @@ def test_hover_model_of_a_rigid_body():
     assert model.B[2, 7] == pytest.approx(-VALUES["roll_gain"] * slope)
     assert model.B[4, 0] == pytest.approx(-VALUES["yaw_gain"] * slope)
     assert sorted(eigenvalue.real for eigenvalue in model.eigenvalues) == pytest.approx([-0.0582] * 3 + [0.0] * 2)
-    assert model.controllable
+    high = hover_model(body(), density=0.95)
+    assert high.trim[0] > c
     with pytest.raises(MissingDataError, match=r"yaw_gain \(not flown\)"):
         hover_model(body(missing=("yaw_gain",)))
 
