@@ -60,22 +60,23 @@ def halved(padded: Floats, taps: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def products(left: Transforms, right: Transforms, places: Int64s, turns: Stack) -> Floats:
+def products(left: Transforms, chosen: Int64s, right: Transforms, places: Int64s, turns: Stack) -> Floats:
     """Sum the products of the transforms of one set of signals, conjugate, with those of another over windows.
 
-    `left` (K, q, 2, F); `right` (K, r, 2, F); `places` (K,): place of each window, ascending, in the unit by which
-    windows are shifted; `turns` (M, 2, F): weight and turn of the products between a window and one that comes 1, 2,
-    ... M units later, whose transform is the conjugate one. With M = 0 windows meet themselves, and nothing else.
+    `left` (K, c, 2, F), of which the q signals `chosen` count; `right` (K, r, 2, F); `places` (K,): place of each
+    window, ascending, in the unit by which windows are shifted; `turns` (M, 2, F): weight and turn of the products
+    between a window and one that comes 1, 2, ... M units later, whose transform is the conjugate one. With M = 0
+    windows meet themselves, and nothing else.
     Returns (q, r, 2, F).
     """
-    windows, rows, _, count = left.shape
-    result = np.zeros((rows, right.shape[1], 2, count))
+    windows, _, _, count = left.shape
+    result = np.zeros((chosen.size, right.shape[1], 2, count))
     met = np.empty((2, count))
     for k in range(windows):
-        for i in range(rows):
+        for i, signal in enumerate(chosen):
             if turns.shape[0] == 0:
                 for f in range(count):
-                    met[0, f], met[1, f] = left[k, i, 0, f], left[k, i, 1, f]
+                    met[0, f], met[1, f] = left[k, signal, 0, f], left[k, signal, 1, f]
             else:
                 for f in range(count):
                     met[0, f] = met[1, f] = 0.0
@@ -84,7 +85,7 @@ def products(left: Transforms, right: Transforms, places: Int64s, turns: Stack) 
                     if apart > turns.shape[0]:
                         break
                     for f in range(count):
-                        a, b = left[other, i, 0, f], left[other, i, 1, f]
+                        a, b = left[other, signal, 0, f], left[other, signal, 1, f]
                         x, y = turns[apart - 1, 0, f], turns[apart - 1, 1, f]
                         # The conjugate of the turn, since the transform is conjugate below.
                         met[0, f] += a * x + b * y
@@ -307,7 +308,7 @@ def _windows_of(
     outside = sorted(set(instruments))
     among = [outside.index(column) for column in instruments]
     shares = np.einsum("kpf,kpf->k", *[columns[:, instruments[0]]] * 2, dtype=np.float64)
-    between, worth = _overlapped(np.take(columns, outside, axis=1), taper, starts // hop, hop, dt * hz)
+    between, worth = _overlapped(columns, outside, taper, starts // hop, hop, dt * hz)
     gain = own[:, outside][:, :, outside] + between
     sums = DrivingSums(
         zz=own[:, instruments][:, :, instruments],
@@ -332,11 +333,18 @@ def _bridged(usable: NDArray[np.bool_], longest: float) -> NDArray[np.bool_]:
     return counted
 
 
-def _products(left: Singles, right: Singles, places: NDArray[np.intp], turns: Complex | None = None) -> Complex:
+def _products(
+    left: Singles,
+    right: Singles,
+    places: NDArray[np.intp],
+    chosen: Sequence[int] | None = None,
+    turns: Complex | None = None,
+) -> Complex:
     """Sum products of transforms over windows, shape (F, q, r); between windows with `turns`, shape (M, F)."""
     count = left.shape[-1]
+    signals = np.asarray(range(left.shape[1]) if chosen is None else chosen, dtype=np.int64)
     parts = np.empty((0, 2, count)) if turns is None else np.stack([turns.real, turns.imag], axis=1)
-    halves = products(left, right, places, parts)
+    halves = products(left, signals, right, places, parts)
     return np.asarray(np.moveaxis(halves[:, :, 0] + 1j * halves[:, :, 1], 2, 0))
 
 
@@ -364,12 +372,13 @@ def _detrended(transform: Complex) -> Complex:
 
 
 def _overlapped(
-    columns: Singles, taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
+    columns: Singles, chosen: Sequence[int], taper: Floats, places: NDArray[np.intp], hop: int, cycles: Floats
 ) -> tuple[Complex, Callable[[Floats], float]]:
     """Weigh products between different windows by the correlation that noise has in them, where they overlap.
 
-    `columns` (K, q, 2, F); `taper` (size,); `places` (K,): of the windows, in hops; `cycles` (F,): of each frequency in
-    a sample. Returns `between` (F, q, q): sum over all pairs of windows; those farther apart than their length have no
+    `columns` (K, c, 2, F), of which the q `chosen` count; `taper` (size,); `places` (K,): of the windows, in hops;
+    `cycles` (F,): of each frequency in a sample.
+    Returns `between` (F, q, q): sum over all pairs of windows; those farther apart than their length have no
     correlation; and what tells of weights of the windows how many independent ones they are worth.
     """
     size = len(taper)
@@ -391,7 +400,7 @@ def _overlapped(
             squares += 2.0 * float(both @ weights[far[near] - 1] ** 2)
         return float(shares.sum()) ** 2 / max(squares, 1e-300)
 
-    between = _products(columns, columns, places, turns)
+    between = _products(columns, columns, places, chosen, turns)[:, :, chosen]
     return between + np.swapaxes(between, 1, 2).conj(), worth
 
 
