@@ -88,7 +88,6 @@ class AnalysisConfig:
         bool,
         Setting("Also try other numbers of poles and zeros, and recommend one. Takes as long as ten more fits."),
     ] = False
-    estimation_rate: float = 50.0  #: Rate at which the trajectory is reported, Hz.
     #: Seconds that the fits of one log may take; a fit that takes longer is given up with a finding.
     time_limit: Annotated[
         float, Setting("Seconds after which a fit of one log is given up.", least=math.ulp(0.0), unit="s")
@@ -96,10 +95,8 @@ class AnalysisConfig:
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, setting = getattr(self, field.name), SETTINGS.get(field.name)
-            if setting is None or not isinstance(value, int | float):
-                continue
-            if not setting.least <= value <= setting.most:
+            value, setting = getattr(self, field.name), SETTINGS[field.name]
+            if isinstance(value, int | float) and not setting.least <= value <= setting.most:
                 raise ConfigError(_refusal(field.name, value, setting))
         if self.zeros >= self.poles:
             raise ConfigError(f"zeros is {self.zeros}; choose 0 to {self.poles - 1}, fewer than the {self.poles} poles")

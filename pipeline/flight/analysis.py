@@ -160,9 +160,7 @@ def _analyze(
     # Models of the motion take longer than what needs no trajectory, and neither waits for the other.
     pending = without_trajectory.begin(log, sound, part, progress, config.time_limit, alone=alone)
     if isinstance(trajectories.get(log.boot), Failure | None):
-        trajectories[log.boot] = stages.run(
-            "trajectory", lambda _: estimation.estimate(tables, rate=config.estimation_rate, date=log.start_utc)
-        )
+        trajectories[log.boot] = stages.run("trajectory", lambda _: estimation.estimate(tables, date=log.start_utc))
     estimated = trajectories[log.boot]
     # What contradicts its own sensors is no result; what it found out about them is.
     contradicted = isinstance(estimated, estimation.Trajectory) and estimated.inconsistency

@@ -43,7 +43,7 @@ PARAMETERS = ("craft", "flight", "parameter", "value", "sigma", "unit", "method"
 def write(result: FlightResult | GroupResult, folder: str | Path, plots: ImageFormat | None = None) -> Path:
     """Write what is known of one flight or of one craft.
 
-    ``report.json``, ``rmse.csv``; ``models.json`` (``models.schema.json`` of this package describes it), ``models.mat``
+    ``report.json``, ``rmse.csv``; ``models.json`` (``rotorid schema models`` describes it), ``models.mat``
     and ``coefficients.csv``, ``parameters.csv``; of a flight whose position is known ``track.geojson``, ``track.kml``
     and ``track.gpx``, and the pages ``report.html`` and ``models.html``, complete in themselves; of a craft
     ``figures.json``, the plots that the page on all flights shows of it.
