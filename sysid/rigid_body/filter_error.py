@@ -185,7 +185,7 @@ def fit_filter_error(
 
     `start`, (n,), has shared parameters, then wind exponent, thrust scale and wind of each flight.
     """
-    weight = prior.sigma**-2.0
+    weight = 1.0 / prior.sigma**2
     values, converged, last = np.clip(start, prior.low, prior.high), False, np.inf
     # What is left over at first values is of the parameters: usual disturbances lead to better ones.
     usual = Disturbance(*map(float, np.exp(_START)))
