@@ -18,6 +18,7 @@ from benchmarks.real_flights import nanodrone_table
 from logparse import FlightLog
 from pipeline.fleet.history import history
 from pipeline.fleet.meta_analysis import ALPHA, holm
+from pipeline.flight.rotation import turning_of
 from pipeline.results.drift import FlightPoint
 from simulation.axis_loop import AxisPlant, AxisRun, LoopGains, Shaking, run_axis, write_rate_log
 from sysid import Experiment, frequency
@@ -262,7 +263,7 @@ def _real() -> Iterator[Row]:
         if "plane" in path.name or "rover" in path.name or flight is None or flight.duration < 20.0 or max(rates) < 9.5:
             continue
         flights += 1
-        determined += any(axis.determined for axis in survey(log).axes)
+        determined += any(turning_of(axis).determined for axis in survey(log).axes)
     yield row(f"real logs with a determined axis, of {flights} (%)", 100.0 * determined / max(flights, 1), goal="70")
 
 

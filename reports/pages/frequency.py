@@ -1,19 +1,16 @@
-"""The page of `rotorid frequency`: what every axis does, with its plots; and the table for the terminal."""
+"""The page of `rotorid frequency`: what every axis does, with its plots."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
-from rich.console import RenderableType
-
 from pipeline.flight.rotation import coupling_of, curve_of, fitted_response, turning_of
 from reports.figures.frequency import pole_figure, response_overlays
 from reports.pages.html import render
-from reports.views.rotation import coupling_sentence, parameter_table, rotation_figures
-from reports.views.rotation import sentences as sentences_of
+from reports.views.rotation import coupling_sentence, parameter_table, rotation_figures, sentences
 from sysid.frequency.fitted import FrequencyFit
 from sysid.frequency.response import FrequencyResponse
-from sysid.frequency.survey import AxisSurvey, FrequencySurvey
+from sysid.frequency.survey import FrequencySurvey
 
 
 def frequency_page(survey: FrequencySurvey) -> str:
@@ -39,7 +36,7 @@ def frequency_page(survey: FrequencySurvey) -> str:
         title="Frequency responses",
         facts=" · ".join(survey.names),
         sentences=[
-            *(sentence for axis in axes for sentence in sentences_of(axis)),
+            *(sentence for axis in axes for sentence in sentences(axis)),
             *(
                 coupling_sentence(coupling_of(coupling))
                 for coupling in survey.couplings
@@ -56,14 +53,3 @@ def _modelled(fit: FrequencyFit) -> FrequencyResponse:
     """Return a fit's model in the place of what was measured."""
     measured = fit.responses[0]
     return replace(measured, response=fit.response(measured.hz))
-
-
-def sentences(axis: AxisSurvey) -> list[str]:
-    """Return what is known of an axis in words, or why nothing is and what to fly."""
-    return sentences_of(turning_of(axis))
-
-
-def terminal_table(survey: FrequencySurvey) -> RenderableType:
-    """Return the table of parameters for the terminal."""
-    table = parameter_table([turning_of(axis) for axis in survey.axes], brief=True)
-    return table.terminal("Frequency responses", fold_labels=False)

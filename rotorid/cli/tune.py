@@ -29,7 +29,9 @@ def frequency(
     """
     from pipeline.config import ConfigError
     from pipeline.execution.progress import shown
-    from reports.pages.frequency import frequency_page, sentences, terminal_table
+    from pipeline.flight.rotation import turning_of
+    from reports.pages.frequency import frequency_page
+    from reports.views.rotation import parameter_table, sentences
     from sysid.frequency.axes import AXES
     from sysid.frequency.export import survey_json, write
     from sysid.frequency.survey import survey
@@ -47,17 +49,18 @@ def frequency(
         surveyed = survey(flights, wanted)
     (out / "frequency.html").write_text(frequency_page(surveyed), encoding="utf-8")
     write(surveyed, out)
+    axes = [turning_of(axis_survey) for axis_survey in surveyed.axes]
     if as_json:
         typer.echo(survey_json(surveyed), nl=False)
     else:
-        console().print(terminal_table(surveyed))
-        for axis_survey in surveyed.axes:
-            for sentence in sentences(axis_survey):
+        console().print(parameter_table(axes, brief=True).terminal("Frequency responses", fold_labels=False))
+        for axis_rotation in axes:
+            for sentence in sentences(axis_rotation):
                 typer.echo(sentence)
         for finding in surveyed.findings:
             typer.echo(f"{finding.severity}: {finding.reason} {finding.advice}")
         typer.echo(out / "frequency.html")
-    if not surveyed.determined:
+    if not any(axis_rotation.determined for axis_rotation in axes):
         raise typer.Exit(NOT_POSSIBLE)
 
 

@@ -46,11 +46,6 @@ class AttitudeResponse:
     frf: FrequencyResponse = field(repr=False)
     fit: FrequencyFit = field(repr=False)
 
-    @property
-    def determined(self) -> bool:
-        """Return whether bandwidth and delay are known."""
-        return self.bandwidth.value is not None and self.phase_delay.value is not None
-
 
 def attitude_response(data: GivenSignals, axis: str, *, within: Within | None = None) -> AttitudeResponse:
     """Parameter how an axis follows its attitude target, from any flight with attitude and target at 8 Hz or more.

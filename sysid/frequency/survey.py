@@ -51,12 +51,6 @@ class AxisSurvey:
     check: Verification | None = None  #: On flying that was held out.
     check_reason: str = ""  #: Why nothing could be held out; empty where there is a check, or nothing to check.
 
-    @property
-    def determined(self) -> bool:
-        """Return whether a gain, or a bandwidth with its delay, is known."""
-        effective = self.fit is not None and self.fit.parameters["gain"].value is not None
-        return effective or (self.attitude is not None and self.attitude.determined)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Coupling:
@@ -86,11 +80,6 @@ class FrequencySurvey:
     #: Of several logs the responses of each by itself, with its name.
     single: tuple[tuple[str, FrequencyResponse], ...] = ()
     findings: tuple[Finding, ...] = ()  #: What is strange about the logs as one craft.
-
-    @property
-    def determined(self) -> bool:
-        """Return whether anything is known of any axis."""
-        return any(axis.determined for axis in self.axes)
 
 
 def survey(logs: GivenLogs, axes: Sequence[str] = tuple(AXES), within: Within | None = None) -> FrequencySurvey:
