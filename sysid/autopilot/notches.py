@@ -68,8 +68,6 @@ class NotchStudy:
     """Lines of the motors, and noise as flown and as proposed."""
 
     lines: MotorLines
-    measured: Mapping[str, float]  #: rms of the controllers' outputs in the batches, from RATE, by axis.
-    measured_gyro: float | None  #: rad/s rms above 30 Hz in batches behind the filters; None without any.
     now: MotorNoise
     then: MotorNoise
     values: Mapping[str, float]  #: The notch proposed, by parameter.
@@ -145,21 +143,18 @@ def notch_study(log: FlightLog, loops: Mapping[str, RateLoop] | None = None) -> 
     values = _proposed(log, lines)
     parameters = log.parameters_flown
     now, then = (motor_noise(log, lines, settings, loops) for settings in (parameters, {**parameters, **values}))
-    measured = _measured(log, lines.batches)
+    measured = mixer_rms(log, lines.batches)
     comparisons = [(f"{axis} output", rms, now.mixer[axis]) for axis, rms in measured.items() if axis != "yaw"]
     behind = [batch for batch in after if batch.steady and abs(batch.throttle / lines.hover - 1.0) < _SAME]
-    filtered = None
     if behind:
-        squares = [batch.power[:, batch.hz >= _VIBRATION].sum(axis=1).mean() * batch.step for batch in behind]
-        filtered = float(np.sqrt(np.mean(squares)))
-        comparisons.append(("gyro behind the filters", filtered, now.gyro))
+        comparisons.append(("gyro behind the filters", gyro_rms(behind), now.gyro))
     for what, seen, foretold in comparisons:
         if not 1.0 / _APART < seen / foretold < _APART:
             raise LineError(
                 f"{log.name}: the {what} has {number(seen, 2)} of noise, and {number(foretold, 2)} by the filters in "
                 "the parameters: they did not fly, or the batches are of another gyro"
             )
-    return NotchStudy(lines, measured, filtered, now, then, values)
+    return NotchStudy(lines, now, then, values)
 
 
 def _proposed(log: FlightLog, lines: MotorLines) -> dict[str, float]:
@@ -265,7 +260,13 @@ def _controller(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> R
     return settings.changed(**own).controller
 
 
-def _measured(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
+def gyro_rms(batches: Sequence[Batch]) -> float:
+    """Return the rms of the gyro above 30 Hz in batches, rad/s."""
+    squares = [batch.power[:, batch.hz >= _VIBRATION].sum(axis=1).mean() * batch.step for batch in batches]
+    return float(np.sqrt(np.mean(squares)))
+
+
+def mixer_rms(log: FlightLog, batches: Sequence[Batch]) -> dict[str, float]:
     """Return the rms of the controllers' outputs during the batches, each about its mean; empty without RATE."""
     measured = {}
     for axis, column in (("roll", "out_roll"), ("pitch", "out_pitch"), ("yaw", "out_yaw")):

@@ -209,7 +209,7 @@ def _gyro_path(log: FlightLog, axis: str, parameters: Mapping[str, float]) -> tu
         none = [f"{name} = {parameters[name]:g}" for name in wanted[:3] if not parameters[name] > 0.0]
         if none:
             raise LoopError(f"{log.path.name}: {', '.join(none)} of a notch that is enabled is no value of one")
-        base, remark = _notch_base(log, axis, parameters, prefix, parameters[f"{prefix}FREQ"])
+        base, remark = _notch_base(log, axis, parameters, prefix)
         notches += notch_at(parameters, prefix, rate, base)
         remarks.append(remark)
     return GyroPath(parameters["INS_GYRO_FILTER"], rate, tuple(notches)), tuple(remarks)
@@ -243,14 +243,10 @@ def notch_frequency(
     return max(nominal, rotors_hz) if mode > Follows.THROTTLE and rotors_hz is not None else nominal
 
 
-def _notch_base(
-    log: FlightLog, axis: str, parameters: Mapping[str, float], prefix: str, nominal: float
-) -> tuple[float, str]:
+def _notch_base(log: FlightLog, axis: str, parameters: Mapping[str, float], prefix: str) -> tuple[float, str]:
     """Return the frequency of the first harmonic, Hz: as tracked (FTN, FTN1), else from the throttle flown."""
-    mode = int(parameters.get(f"{prefix}MODE", 0.0))
-    reference = parameters.get(f"{prefix}REF", 0.0)
-    name = prefix.rstrip("_")
-    if mode == Follows.NOTHING or reference <= 0.0:
+    mode, nominal, name = int(parameters.get(f"{prefix}MODE", 0.0)), parameters[f"{prefix}FREQ"], prefix.rstrip("_")
+    if mode == Follows.NOTHING or parameters.get(f"{prefix}REF", 0.0) <= 0.0:
         return nominal, f"{name} fixed at {nominal:.0f} Hz"
     if prefix == "INS_HNTCH_":
         for message in ("FTN", "FTN1"):
