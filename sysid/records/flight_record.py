@@ -109,7 +109,7 @@ def record_flight(
                 "Wait for a 3-D fix before take-off, and log GPS; height, attitude and rates are known without.",
             )
         )
-    if inputs in ("motors", "mixer"):
+    if inputs in ("motors", "mixer") and log.tables.motors is not None:
         more += _rounded(log.tables.motors, log.vehicle, start, stop)
         more += mixer_differs(log.tables, log.vehicle, start, stop)
     more += _steps(source, start, stop)
@@ -183,10 +183,8 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
     ]
 
 
-def _rounded(motors: pd.DataFrame | None, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
+def _rounded(motors: pd.DataFrame, vehicle: Vehicle, start: float, stop: float) -> list[Finding]:
     """Report which commands of the mixer drown in the rounding of PWM to whole microseconds."""
-    if motors is None or vehicle is None:
-        return []
     flown = motors.loc[start:stop].dropna(how="any")
     try:
         noise = rounding(flown, vehicle)

@@ -82,7 +82,7 @@ class Inputs:
     findings: tuple[Finding, ...] = ()
 
 
-def read_inputs(tables: Tables, vehicle: Vehicle | None, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
+def read_inputs(tables: Tables, vehicle: Vehicle, trajectory: Trajectory, kind: str, frame: str) -> Inputs:
     """Read one of the `INPUT_SETS` from a log's tables."""
     if kind == "reference":
         return _reference(tables, trajectory)
@@ -110,10 +110,10 @@ def _rotor_speeds(tables: Tables) -> Inputs:
     return Inputs(signals=esc[list(names)].rename(columns=names), unit="rad/s", title="rotor speeds")
 
 
-def _mixer(tables: Tables, vehicle: Vehicle | None) -> Inputs:
+def _mixer(tables: Tables, vehicle: Vehicle) -> Inputs:
     motors = _motors(tables).signals
     voltage = voltage_at(tables.battery, motors.index.to_numpy(np.float64))
-    return Inputs(signals=project(motors, vehicle or Vehicle(), voltage), unit="1", title="motor outputs")
+    return Inputs(signals=project(motors, vehicle, voltage), unit="1", title="motor outputs")
 
 
 def _rate_outputs(tables: Tables) -> Inputs:

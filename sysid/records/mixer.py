@@ -137,7 +137,7 @@ FEWEST, GAP = 100, 0.3
 MARGIN = 0.02
 
 
-def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: float) -> list[Finding]:
+def mixer_differs(tables: Tables, vehicle: Vehicle, start: float, stop: float) -> list[Finding]:
     """Compare the outputs' movement in roll and pitch with what the controller asked.
 
     To first order a motor's thrust by the curve in the parameters departs from the mean of all as much as the mixer's
@@ -145,8 +145,8 @@ def mixer_differs(tables: Tables, vehicle: Vehicle | None, start: float, stop: f
     those flown with, and that factor makes torque of outputs. PX4 scales its allocation in ways of its own, so that
     there the factor is none of the parameters' fault.
     """
-    names = [f"m{motor.number}" for motor in vehicle.motors] if vehicle is not None else []
-    if vehicle is None or not names or tables.motors is None or not tables.has("rates"):
+    names = [f"m{motor.number}" for motor in vehicle.motors]
+    if not names or tables.motors is None or not tables.has("rates"):
         return []
     asked = list(tables.columns("rates", ["out_thrust", "out_roll", "out_pitch", "out_yaw"]))
     if not set(names) <= set(tables.motors) or any(column.notna().sum() < FEWEST for column in asked):

@@ -15,8 +15,8 @@ from tests.timed import timed
 class Log:
     tables: Tables
     flight: object
+    vehicle: Vehicle
     path: Path = Path("flight.bin")
-    vehicle: Vehicle | None = None
 
 
 class PartsOfLog(SimpleNamespace):
@@ -42,4 +42,4 @@ def made(tables=None, vehicle=None, flight=(10.0, 50.0), north=None, east=None, 
         states=timed(t, **states), sigma=sigma, origin=None, inconsistency="", unknown_position=lambda start, stop: ""
     )
     interval = flight and SimpleNamespace(start=flight[0], stop=flight[1])
-    return Log(tables or Tables(), interval, vehicle=vehicle), trajectory
+    return Log(tables or Tables(), interval, vehicle or Vehicle()), trajectory
