@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from core.findings import warning
+from core.runs import runs
 from estimation.alignment import RUNNING_PWM
 from estimation.observations import usable_fixes
 from estimation.place import LocalFrame
@@ -86,11 +87,8 @@ def _repeated(gps: pd.DataFrame, columns: list[str]) -> list[tuple[float, float]
     """Return the times of the first and the last row of every repetition that lasts too long."""
     values = gps[columns].to_numpy(np.float64)
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-    starts = np.flatnonzero(np.concatenate([[True], ~same.all(axis=1)]))
-    stops = np.append(starts[1:], len(gps)) - 1
-    t = gps.index.to_numpy(np.float64)
-    long = t[stops] - t[starts] > LONGEST_REPETITION
-    return list(zip(t[starts[long]].tolist(), t[stops[long]].tolist(), strict=True))
+    spans = gps.index.to_numpy(np.float64)[runs(same.all(axis=1))]
+    return [(first, last) for first, last in spans.tolist() if last - first > LONGEST_REPETITION]
 
 
 def _goes_elsewhere(gps: pd.DataFrame) -> bool:

@@ -17,7 +17,7 @@ from logparse.heights import heights
 from logparse.rest import at_rest, calibration
 
 if TYPE_CHECKING:
-    from logparse.flights import LONGEST_GAP, Flight
+    from logparse.flights import Flight
     from logparse.log import FlightLog
 
 #: Tables that identification needs: what each is called, what becomes of its lack, and how much that matters.

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 import pandas as pd
 
+from core.runs import runs
 from core.units import EARTH_RADIUS
 from logparse.tables import Tables
 
@@ -81,15 +82,16 @@ def barometer_stopped(known: _Heights, flight: "_Interval") -> float | None:
 
     Pressure is never the same for seconds; where it was simulated without noise, nothing else changes either.
     """
-    if "baro" not in known or len(own := known["baro"].loc[flight.start : flight.stop]) < 2:
+    if "baro" not in known:
         return None
-    t, begins = own.index.to_numpy(np.float64), np.flatnonzero(np.diff(own.to_numpy(np.float64), prepend=np.nan) != 0.0)
-    ends = t[np.append(begins[1:], len(t)) - 1]
-    longest = int(np.argmax(ends - t[begins]))
-    first, last = float(t[begins[longest]]), float(ends[longest])
+    own = known["baro"].loc[flight.start : flight.stop]
+    spans = own.index.to_numpy(np.float64)[runs(np.diff(own.to_numpy(np.float64)) == 0.0)]
+    first, last = max(spans.tolist(), key=lambda span: span[1] - span[0], default=(0.0, 0.0))
+    if last - first <= _STOPPED:
+        return None
     others = (height.loc[flight.start : flight.stop] for source, height in known.items() if source != "baro")
     moved = [float(np.ptp(part)) for height in others if len(part := smoothed(height).loc[first:last])]
-    return first if last - first > _STOPPED and max(moved, default=0.0) > WRONG else None
+    return first if max(moved, default=0.0) > WRONG else None
 
 
 def _beside(flight: "_Interval") -> tuple[tuple[float, float], tuple[float, float]]:

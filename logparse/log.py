@@ -444,14 +444,7 @@ def _possible(value: float) -> bool:
 
 def _parameters(messages: Messages) -> dict[str, float]:
     """Return the last value of each parameter that a boot logged."""
-    if "PARM" in messages:
-        return _last_values(messages["PARM"], "Name", "Value")
-    if "PARAM_VALUE" not in messages:
-        return {}
-    rows = messages["PARAM_VALUE"]
-    if "system" in rows and len(often := rows["system"].mode()):
-        rows = rows[rows["system"] == often.iloc[0]]
-    return _last_values(rows, "param_id", "param_value")
+    return _last_values(messages["PARM"], "Name", "Value") if "PARM" in messages else {}
 
 
 def _last_values(rows: pd.DataFrame, name: str, value: str) -> dict[str, float]:

@@ -34,7 +34,7 @@ from logparse.canonical.series import (
     with_attitude,
 )
 from logparse.craft.frames import Vehicle
-from logparse.tables import COLUMNS, Geodetic, framed
+from logparse.tables import COLUMNS, Geodetic
 
 _DEGREES = {"roll": "Roll deg", "pitch": "Pitch deg", "yaw": "Yaw deg"}
 _NED = {"n": "ned", "N": "NED"}
@@ -219,19 +219,15 @@ _ASKED = {"roll": "DesRoll deg | RollIn deg", "pitch": "DesPitch deg | PitchIn d
 
 
 def setpoints(
-    messages: Messages, kind: Kind, vehicle: Vehicle, place: Geodetic | None, angles: pd.DataFrame | None
+    messages: Messages, kind: Kind, place: Geodetic | None, angles: pd.DataFrame | None
 ) -> pd.DataFrame | None:
-    """Targets of position, velocity, attitude and throttle, on the times of the most frequent of their messages."""
-    parts = {
-        Kind.DATAFLASH: lambda: _dataflash_targets(messages, vehicle, COLUMNS["setpoints"]),
-        Kind.TELEMETRY: lambda: _telemetry_targets(messages, place, angles),
-        Kind.PX4: lambda: _px4_targets(messages),
-    }[kind]()
+    """Targets of telemetry and PX4: position, velocity, attitude, throttle, on the times of their fastest message."""
+    parts = _px4_targets(messages) if kind is Kind.PX4 else _telemetry_targets(messages, place, angles)
     return join(parts, COLUMNS["setpoints"], gap=_GAP[kind])
 
 
 def setpoint_columns(messages: Messages, vehicle: Vehicle, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-    """Columns of the table that `setpoints` makes of DataFlash, one by one, in the order wanted."""
+    """Columns of the table of targets of DataFlash, one by one, in the order wanted."""
     return joined_columns(_dataflash_targets(messages, vehicle, wanted), wanted, gap=_GAP[Kind.DATAFLASH])
 
 
@@ -362,12 +358,9 @@ _PX4_CONTROL: Mapping[str, tuple[Fields, float]] = {
 
 
 def rates(messages: Messages, kind: Kind) -> pd.DataFrame | None:
-    """Rate controller: targets, rates and outputs; of PIDR, PIDP and PIDY where DataFlash has no RATE."""
+    """Rate controller: targets, rates and outputs; of DataFlash without RATE those of PIDR, PIDP and PIDY."""
     if kind is Kind.DATAFLASH:
-        if "RATE" not in messages:
-            return _rates_from_pid(messages)
-        frame = messages["RATE"]
-        return series(frame.index, ((name, value(frame, field)) for name, field in _RATE.items()))
+        return _rates_from_pid(messages)
     for name, fields in _BODY_RATES[kind].items():
         logged = first(messages, name)
         if logged is not None and has(logged, fields["w_x"]):
@@ -380,13 +373,13 @@ def rates(messages: Messages, kind: Kind) -> pd.DataFrame | None:
 
 
 def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-    """Columns of the table that `rates` makes of RATE, one by one, in the order wanted."""
+    """Columns of the table of rates that DataFlash has in RATE, one by one, in the order wanted."""
     frame = messages["RATE"]
     return columns_of(frame.index, ((name, value(frame, _RATE[name])) for name in wanted))
 
 
 def rate_times(messages: Messages) -> Array | None:
-    """Return the times of the table that `rates` makes of RATE [s], read without its values."""
+    """Return the times of the rows of RATE [s], read without its values."""
     t: Array = series(messages.part("RATE", ()).index, ()).index.to_numpy(np.float64)
     return t if len(t) else None
 
@@ -411,13 +404,8 @@ _CHIRP |= axes({"w_{x}": "G{x} deg/s"}, x="xyz") | axes({"f_{x}": "A{x} m/s/s"},
 _SILENT = 1.0
 
 
-def systemid(messages: Messages, kind: Kind) -> pd.DataFrame | None:
-    """Signals that were added to the loops: chirps of SYSTEMID mode, and those of PX4's autotuning."""
-    return _autotune(messages) if kind is Kind.PX4 else framed(chirp_columns(messages, COLUMNS["systemid"]))
-
-
 def chirp_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-    """Columns of the table that `systemid` makes of SYSTEMID mode, one by one, in the order wanted."""
+    """Columns of the chirps of SYSTEMID mode, one by one, in the order wanted."""
     if (frame := first(messages, "SIDD")) is None:
         return
     announced, said = first(messages, "SIDS"), {"axis": "Ax", "planned": "TR"}
@@ -428,8 +416,8 @@ def chirp_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.S
         yield 2.0 * np.pi * column if name == "frequency" else column
 
 
-def _autotune(messages: Messages) -> pd.DataFrame | None:
-    """Signals that autotuning adds to the rate targets, where it does; it logs no frequency."""
+def autotune(messages: Messages) -> pd.DataFrame | None:
+    """Signals that PX4's autotuning adds to the rate targets, where it does; it logs no frequency."""
     frame = first(messages, "autotune_attitude_control_status")
     if frame is None:
         return None

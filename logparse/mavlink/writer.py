@@ -45,14 +45,12 @@ class TlogWriter:
         name: str,
         time_unix_us: npt.ArrayLike,
         columns: Mapping[str, npt.ArrayLike],
-        system: int = 1,
-        component: int = 1,
     ) -> None:
         """Write many messages of one name, in the order given."""
         stamps = np.asarray(time_unix_us, np.int64)
         definition = _definition(name)
         records = _records(definition, columns, len(stamps))
-        self._write_records(definition, records, stamps.tolist(), [system] * len(stamps), [component] * len(stamps))
+        self._write_records(definition, records, stamps.tolist(), [1] * len(stamps), [1] * len(stamps))
 
     def _write_records(
         self,
@@ -79,8 +77,6 @@ def write_tlog(
     path: str | Path,
     messages: Iterable[tuple[str, pd.DataFrame]],
     start_utc: datetime,
-    system: int = 1,
-    component: int = 1,
 ) -> None:
     """Write tables as one telemetry log, rows interleaved by time."""
     start_us = (start_utc - _EPOCH) // timedelta(microseconds=1)
@@ -90,8 +86,8 @@ def write_tlog(
         t = frame.index.to_numpy(np.float64)
         boot_us = np.rint(t * 1e6).astype(np.int64)
         columns: dict[str, npt.ArrayLike] = {str(column): frame[column].to_numpy() for column in frame.columns}
-        systems = np.broadcast_to(np.asarray(columns.pop("system", system)), t.shape)
-        components = np.broadcast_to(np.asarray(columns.pop("component", component)), t.shape)
+        systems = np.broadcast_to(np.asarray(columns.pop("system", 1)), t.shape)
+        components = np.broadcast_to(np.asarray(columns.pop("component", 1)), t.shape)
         if "time_boot_ms" in definition.fields:
             columns.setdefault("time_boot_ms", np.rint(t * 1e3))
         if "time_usec" in definition.fields:
