@@ -199,16 +199,18 @@ class Bench:
             float(volts) if volts is not None else float("nan"),
         )
 
-    def priors(self, mass: float, vehicle: Vehicle | None = None) -> dict[str, tuple[float, float]]:
+    def priors(
+        self, mass: float, vehicle: Vehicle | None = None, voltage: float | None = None
+    ) -> dict[str, tuple[float, float]]:
         """Return the rigid body what the stand knows: mean and standard deviation by its parameters' names.
 
-        ``thrust`` [m/s^2, one motor at full command] for a mass [kg], and ``thrust_expo``. Motors differ from each
-        other and propellers in flight from those on a stand by some percent, so that no standard deviation is below 3 %
-        of thrust and 0.05 of curvature.
+        ``thrust`` [m/s^2, one motor at full command] for a mass [kg] and voltage [V], and ``thrust_expo``. Motors
+        differ from each other and propellers in flight from those on a stand by some percent, so that no standard
+        deviation is below 3 % of thrust and 0.05 of curvature.
         """
         if not mass > 0.0:
             raise BenchError(f"mass must be positive, not {mass:g} kg")
-        curve = self.command_curve(vehicle)
+        curve = self.command_curve(vehicle, voltage)
         (full, full_sigma), (expo, expo_sigma) = (_known(parameter) for parameter in (curve.full_thrust, curve.expo))
         return {
             "thrust": (full / mass, float(np.hypot(full_sigma, 0.03 * full)) / mass),

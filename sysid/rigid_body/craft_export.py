@@ -41,12 +41,20 @@ class FrameExport:
         path.with_suffix(".md").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def frame_json(model: RigidBodyModel, *, arm: float | None = None, disc_area: float | None = None) -> FrameExport:
+def frame_json(
+    model: RigidBodyModel,
+    mass: float | None = None,
+    *,
+    arm: float | None = None,
+    disc_area: float | None = None,
+) -> FrameExport:
     """Translate an identified rigid body.
 
     Parameters
     ----------
     model : RigidBodyModel
+    mass : float, optional
+        kg; the model's own otherwise.
     arm : float, optional
         Distance of the motors from the centre, m. Without it the simulator's 0.35 m stand in; inertia follows the arm,
         so that the craft turns as identified whichever it is.
@@ -58,7 +66,8 @@ def frame_json(model: RigidBodyModel, *, arm: float | None = None, disc_area: fl
     MissingDataError
         Without a mass, thrust or motors.
     """
-    if model.mass is None:
+    weight = mass if mass is not None else model.mass
+    if weight is None or not weight > 0.0:
         raise MissingDataError("a simulator frame needs the mass, which motion does not tell; give it (--mass)")
     if not model.parameters["thrust"].determined:
         raise MissingDataError(f"no simulator frame: thrust is not determined ({model.parameters['thrust'].reason})")
@@ -66,10 +75,10 @@ def frame_json(model: RigidBodyModel, *, arm: float | None = None, disc_area: fl
     if not motors:
         raise MissingDataError("no simulator frame: the log does not tell the motors of the craft")
     sheet = _Sheet()
-    _power(sheet, model, model.mass)
+    _power(sheet, model, weight)
     _outputs(sheet, model)
-    _drag(sheet, model, model.mass, disc_area)
-    _rotation(sheet, model, model.mass, arm)
+    _drag(sheet, model, weight, disc_area)
+    _rotation(sheet, model, weight, arm)
     sheet.put("num_motors", float(len(motors)), "motors of the frame")
     return FrameExport(sheet.frame, sheet.notes, tuple(sheet.undetermined))
 
@@ -251,7 +260,12 @@ class CraftFile:
 
 
 def write_craft(
-    model: RigidBodyModel, folder: Path, *, arm: float | None = None, disc_area: float | None = None
+    model: RigidBodyModel,
+    folder: Path,
+    mass: float | None = None,
+    *,
+    arm: float | None = None,
+    disc_area: float | None = None,
 ) -> tuple[list[Path], list[Finding]]:
     """Write ``craft.json``, ``craft.mat`` and, where flight determined enough, ``sitl_frame.json`` with its notes.
 
@@ -260,6 +274,8 @@ def write_craft(
     model : RigidBodyModel
     folder : Path
         Made when missing.
+    mass : float, optional
+        kg; the model's own otherwise.
     arm, disc_area : float, optional
         As `frame_json`.
 
@@ -281,7 +297,7 @@ def write_craft(
     files[0].write_text(as_json(record), encoding="utf-8")
     scipy.io.savemat(files[1], _for_matlab(model, linear), long_field_names=True, oned_as="column")
     try:
-        frame = frame_json(model, arm=arm, disc_area=disc_area)
+        frame = frame_json(model, mass, arm=arm, disc_area=disc_area)
     except MissingDataError as error:
         findings.append(Finding("not-determined", Severity.INFO, str(error)))
     else:

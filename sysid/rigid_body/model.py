@@ -226,20 +226,25 @@ class RigidBodyModel(Summarised):
             return TRIM_SECONDS
         return 0.0 if known.looked_until is None else max(known.looked_until - float(experiment.t[0]), 0.0)
 
-    def trim(self, experiment: Experiment, seconds: float | None = None) -> FlightTrim:
+    def trim(
+        self, experiment: Experiment, seconds: float | None = None, wind_spacing: float | None = None
+    ) -> FlightTrim:
         """Find wind and thrust scale of a flight, by which its free run from the initial state fits best.
 
-        With `seconds` of its beginning only, for what comes after it.
+        With `seconds` of its beginning only, for what comes after it; with `wind_spacing` [s] the wind of a whole
+        flight varies, as a broken line with this time between its points.
         """
         flight = self._motion(experiment)
         if seconds is not None and seconds < flight.t[-1] - flight.t[0]:
             beginning = flight.cut(0, max(round(seconds / flight.dt), 2))
             return early_trim(beginning, self._shared, self.law, f"first {seconds:g} s", self._craft_covariance)
-        return whole_trim(flight, self._shared, self.law, "whole flight", None, self._craft_covariance)
+        return whole_trim(flight, self._shared, self.law, "whole flight", wind_spacing, self._craft_covariance)
 
-    def trimmed(self, experiments: Sequence[Experiment], seconds: float | None = None) -> RigidBodyModel:
+    def trimmed(
+        self, experiments: Sequence[Experiment], seconds: float | None = None, wind_spacing: float | None = None
+    ) -> RigidBodyModel:
         """Return the model with wind and thrust scale of these flights as `trim` finds them, and say so in its name."""
-        flights = {record.name: self.trim(record, seconds) for record in experiments}
+        flights = {record.name: self.trim(record, seconds, wind_spacing) for record in experiments}
         how = "each whole flight" if seconds is None else f"the first {seconds:g} s of each flight"
         return replace(
             self,

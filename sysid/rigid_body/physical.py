@@ -99,7 +99,11 @@ class PhysicalParameters(Summarised):
     #: a flight share), ``unit``, ``si_value``, ``si_sigma``, ``si_unit`` (with mass, and arm where it enters), ``note``
     #: (why not, or what kind of number).
     table: pd.DataFrame
-    thrust: ThrustModel | None  #: None where it could not be fitted.
+    #: The models; None where a method could not be applied.
+    thrust: ThrustModel | None
+    kim2017: Kim2017Model | None
+    refinement2020: Refinement2020Model | None
+    rigid_body: RigidBodyModel | None
     findings: tuple[Finding, ...] = ()  #: Where methods disagree.
 
     def summary(self) -> Mapping[str, str]:
@@ -159,11 +163,11 @@ def physical_parameters(
         undelayed = [_undelayed(record, delay or 0.0) for record in records]
     refinement = attempt(
         METHODS[2:4],
-        lambda: fit_refinement2020(undelayed, time_constant=lag, law=Law.COMMAND),
+        lambda: fit_refinement2020(undelayed, mass, time_constant=lag, law=Law.COMMAND),
         _of_refinement,
     )
     time_constant = refinement.time_constant if refinement is not None else lag or 0.0
-    attempt(
+    kim = attempt(
         METHODS[1:2],
         lambda: fit_kim2017(undelayed, mass, arm=arm, time_constant=time_constant, law=Law.COMMAND),
         _of_kim,
@@ -178,7 +182,7 @@ def physical_parameters(
     air = shared_air(records)
     disagree = _conclude(numbers, air)
     table = _table(numbers, air, mass, arm)
-    return PhysicalParameters(table, thrust, () if disagree is None else (disagree,))
+    return PhysicalParameters(table, thrust, kim, refinement, rigid_body, () if disagree is None else (disagree,))
 
 
 def _undelayed(record: Experiment, delay: float) -> Experiment:

@@ -79,11 +79,13 @@ class Kim2017Model(Summarised):
     torque_sigma: float | None
     #: Yaw acceleration for each motor's signal, in the same unit: what the simulation of the yaw rate takes.
     yaw: tuple[float, ...]
+    mass: float | None  #: kg.
     inertia: tuple[float, float, float] | None  #: kg m^2, as given.
     reference_voltage: float | None  #: V.
     thrust_expo: float
     time_constant: float  #: Lag taken for the motors, s; the paper takes none.
     rotation: bool  #: Whether motor signals were fast enough for the rates; levers and torque mean nothing otherwise.
+    rmse: Mapping[str, float]  #: Of altitude [m] and rates [rad/s] in the windows.
     #: Part of the power of the rates in the windows that the model explains (R^2), by ``w_x``, ``w_y``, ``w_z``.
     explained: Mapping[str, float]
     geometry: MotorGeometry
@@ -272,11 +274,13 @@ def fit_kim2017(
         torque_per_inertia=None if torque is None else torque.value,
         torque_sigma=None if torque is None else _torque_sigma(torque, law),
         yaw=() if torque is None else tuple(float(factor) for factor in torque.patterns @ motor_patterns(geometry)),
+        mass=mass,
         inertia=inertia,
         reference_voltage=voltage,
         thrust_expo=vehicle.thrust_expo,
         time_constant=time_constant,
         rotation=rotation,
+        rmse={**best.rmse, **({} if torque is None else {"w_z": torque.rmse})},
         explained=explained,
         geometry=geometry,
         training=tuple(record.name for record in records),

@@ -78,13 +78,14 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """Thrust coefficients and levers with standard errors; how far motors are told apart."""
+    """Thrust coefficients and levers with standard errors; how far motors are told apart; residuals."""
 
     coefficients: Floats
     sigma: Floats
     lever: Floats
     lever_sigma: Floats
     condition: float
+    rmse: dict[str, float]
     explained: dict[str, float]
 
 
@@ -214,6 +215,7 @@ def output_error(
         lever,
         sigma[q:] if known is None else np.zeros(2),
         condition,
+        {name: float(np.sqrt(np.mean(r**2))) for name, r in zip(("z", "w_x", "w_y"), residual, strict=True)},
         {f"w_{axis}": _explained(residual[o], all_outputs[o]) for o, axis in ((1, "x"), (2, "y"))},
     )
 
@@ -276,11 +278,12 @@ def motor_patterns(geometry: MotorGeometry) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class TorqueEstimate:
-    """Mean torque over yaw inertia, its standard error, all patterns (`motor_patterns`) and R^2."""
+    """Mean torque over yaw inertia, its standard error, all patterns (`motor_patterns`), residual and R^2."""
 
     value: float
     sigma: float
     patterns: Floats
+    rmse: float
     explained: float
 
 
@@ -297,4 +300,4 @@ def mean_torque(windows: Sequence[Window]) -> TorqueEstimate | None:
     explained = _explained(residual, output)
     if not value > 0.0 or sigma > DETERMINED * value or explained < EXPLAINED:
         return None
-    return TorqueEstimate(value, sigma, values / size, explained)
+    return TorqueEstimate(value, sigma, values / size, float(np.sqrt(np.mean(residual**2))), explained)

@@ -58,9 +58,12 @@ class Refinement2020Model(Summarised):
     """Both ways side by side; every number per unit of mass, and J and b over the arm besides."""
 
     name: str
+    law: Law
     #: By the names of `PARAMETERS`: ``k`` k/m, ``C`` C/m [1/m], ``Jx`` and ``Jz`` J/(m l) [m], ``b`` b/(m l), ``b/Jz``.
     instants: Mapping[str, InstantMean]
     stacked: Mapping[str, Parameter]  #: The same, with ``Jy`` by itself.
+    mass: float | None  #: As given, kg.
+    reference_voltage: float | None
     time_constant: float  #: Lag of the motors in use, s.
     training: tuple[str, ...]
     findings: tuple[Finding, ...]  #: What of craft, air and battery is assumed; what is not determined has its reason.
@@ -76,6 +79,7 @@ class Refinement2020Model(Summarised):
 
 def fit_refinement2020(
     experiments: Experiment | Sequence[Experiment],
+    mass: float | None = None,
     *,
     time_constant: float | None = 0.0,
     law: Law | None = None,
@@ -86,6 +90,8 @@ def fit_refinement2020(
     ----------
     experiments : Experiment or sequence of Experiment
         PWM inputs, with context; 50 Hz or more for rotation (slower records alias it).
+    mass : float, optional
+        kg; not used for the estimates, which are per unit of mass.
     time_constant : float or None
         Lag of the motors behind the signal, s; 0 as in the paper, whose signals are rotor speeds. None finds the one
         with which roll and pitch moments explain the angular acceleration best (gyro filters included).
@@ -100,7 +106,7 @@ def fit_refinement2020(
         When the records differ in kind.
     """
     records = require_alike(experiments)
-    require_specific_force(records)
+    require_specific_force(records, mass)
     vehicle, voltage, findings = conditions_of(records)
     require_all_motors(records[0], vehicle)
     geometry = motor_geometry(records[0])
@@ -129,8 +135,11 @@ def fit_refinement2020(
         instants = _believed(instants, explained)
     return Refinement2020Model(
         name=f"Refinement 2020, thrust by {law}",
+        law=law,
         instants=instants,
         stacked=stacked,
+        mass=mass,
+        reference_voltage=voltage,
         time_constant=time_constant,
         training=tuple(record.name for record in records),
         findings=tuple(findings),

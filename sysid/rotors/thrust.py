@@ -59,9 +59,7 @@ def fit_thrust(experiments: Experiment | Sequence[Experiment], mass: float | Non
         When no motor moves or the records differ in kind.
     """
     records = require_alike(experiments)
-    if mass is not None and not mass > 0.0:
-        raise ExperimentError(f"mass must be positive, not {mass} kg")
-    require_specific_force(records)
+    require_specific_force(records, mass)
     vehicle, reference, findings = conditions_of(records)
     findings += outputs_of(records, vehicle)
     blocks = [blocks_of(record, vehicle, reference) for record in records]

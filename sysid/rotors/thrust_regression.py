@@ -11,7 +11,7 @@ from core.parameter import Parameter
 from core.robust import robust_sigma
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from sysid.records.excitation import examine
-from sysid.records.experiment import Experiment, Floats
+from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
 from sysid.records.thrust_curve import Law, body_velocity, column, reference_voltage, relative_density, thrust_signals
 from sysid.rotors.thrust_record import ThrustCoefficient
@@ -59,8 +59,10 @@ class Regression:
     rmse: float
 
 
-def require_specific_force(records: Sequence[Experiment]) -> None:
-    """Refuse records without an accelerometer."""
+def require_specific_force(records: Sequence[Experiment], mass: float | None) -> None:
+    """Refuse records without an accelerometer, and masses that are none."""
+    if mass is not None and not mass > 0.0:
+        raise ExperimentError(f"mass must be positive, not {mass} kg")
     if any(not np.isfinite(column(record, "f_z")).all() for record in records):
         raise MissingDataError("no accelerometer in the record, so that thrust cannot be estimated; log the IMU")
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri as chi2_isf
 
 from sysid.records.experiment import Floats
 from sysid.transfer_functions.transfer_function import TransferFunction
@@ -44,6 +45,12 @@ class ModelResponse:
     def phase(self) -> Floats:
         """Phase in rad, continuous over frequency, shape (K,)."""
         return np.asarray(np.unwrap(np.angle(self.response)))
+
+    def band(self, level: float = 0.95) -> tuple[Floats, Floats]:
+        """Return the lower and upper limit of the gain at each frequency."""
+        # Beyond e^50 a band says nothing more.
+        reach = np.minimum(np.sqrt(chi2_isf(1, 1.0 - level)) * self.sigma_gain, 50.0)
+        return self.gain * np.exp(-reach), self.gain * np.exp(reach)
 
 
 def frequency_response(function: TransferFunction, omega: Floats) -> ModelResponse:

@@ -82,7 +82,7 @@ def test_page_json_and_models_have_both(flight, tmp_path):
         },
         index=index,
     )
-    statements = sysid.PhysicalParameters(table, None)
+    statements = sysid.PhysicalParameters(table, None, None, None, None, None)
     spectra = sysid.records.excitation.coherence([flight.experiments["motors"]])
     own = flight.models[0]
     models = (

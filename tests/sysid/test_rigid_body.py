@@ -127,6 +127,9 @@ def test_another_flight_is_predicted_with_its_wind_found_on_the_way():
     assert result.uses.free_run.trust is Trust.LIMITED
     assert set(result.uses.free_run.follows) == set(result.average)
     assert max(result.average.values()) < 2.0
+    following = validate(model.trimmed([seen], wind_spacing=20.0), [seen], horizons=(1.0,))
+    # Wind does not lift.
+    assert all(following.average[axis] < 0.6 * result.average[axis] for axis in "xy")
     ahead = result.horizons.groupby("horizon")[["rmse", "rmse_constant_velocity"]].max()
     assert ahead.loc[1.0, "rmse"] < 0.03
     assert ahead.loc[5.0, "rmse"] < 0.35
