@@ -2,12 +2,12 @@
 
 import itertools
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 
-from core.units import numbers, quantities
+from core.units import numbers, quantities, sample_times
 from logparse.canonical.fields import (
     Fields,
     Kind,
@@ -26,7 +26,7 @@ from logparse.canonical.fields import (
     values,
 )
 from logparse.canonical.remarks import Remarks
-from logparse.canonical.series import Array, frozen, series
+from logparse.canonical.series import Array, frozen, sample, series
 from logparse.craft.frames import Vehicle
 from logparse.craft.vehicle import is_simulated
 from logparse.source import INSTANCE_NAMES
@@ -179,7 +179,7 @@ def _unhealthy(values: Array, frame: pd.DataFrame, name: str, remarks: Remarks) 
 
 
 def imu(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
-    """Angular rate and specific force."""
+    """Angular rate and specific force; of GYR and ACC where a DataFlash log has no IMU."""
     tables: list[pd.DataFrame] = []
     wanted = names_of(_IMU[kind][1]) | {*INSTANCE_NAMES, *itertools.chain(*_HEALTHY)}
     for name, frame in _instances(messages, kind, _IMU, wanted):
@@ -190,7 +190,33 @@ def imu(messages: Messages, kind: Kind, remarks: Remarks) -> Sensor:
         # A unit that does not exist is sent as zeros.
         if kind is not Kind.TELEMETRY or made["accel_z"].notna().any():
             tables.append(made)
+    if not tables and kind is Kind.DATAFLASH:
+        tables = [*_raw_imus(messages, remarks)]
     return pick(tables, "accel_z")
+
+
+def _raw_imus(messages: Messages, remarks: Remarks) -> Iterator[pd.DataFrame]:
+    """Yield the tables of GYR with the ACC of the same number."""
+    fields = names_of(_IMU[Kind.DATAFLASH][1]) | {*INSTANCE_NAMES, "SampleUS"}
+    rates, forces = (
+        instances(messages, *(f"{name}{k}" for k in ("", 1, 2, 3)), fields=fields) for name in ("GYR", "ACC")
+    )
+    for (gyro_name, gyro), (accel_name, accel) in zip(rates, forces, strict=False):
+        rate = series(_sampled(gyro), values(gyro, axes({"{X}": "Gyr{X} rad/s"}, X="XYZ")))
+        force = series(_sampled(accel), values(accel, axes({"{X}": "Acc{X} m/s/s"}, X="XYZ")))
+        t = rate.index.to_numpy()
+        columns = [*rate.to_numpy().T, *sample(force, t, gap=0.05).T]
+        yield _imu_table(pd.DataFrame(), t, [columns], f"{gyro_name}/{accel_name}", remarks)
+
+
+def _sampled(frame: pd.DataFrame) -> Array:
+    """Boot time of the samples of a raw sensor message, where it is logged beside the write time."""
+    t: Array = frame.index.to_numpy(dtype=np.float64)
+    if "SampleUS" in frame:
+        sampled = sample_times(frame)
+        if np.all(np.abs(sampled - t) < 1.0):
+            return sampled
+    return t
 
 
 def _imu_table(

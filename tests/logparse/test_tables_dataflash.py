@@ -74,6 +74,16 @@ def test_a_frozen_compass_is_none():
     assert build({"MAG": timed(t, **alive)})[0].mag["mag_x"].notna().all()
 
 
+def test_an_imu_logged_raw_alone_is_read():
+    """LOG_BITMASK may ask for raw samples without IMU: rate and force are messages of their own, with clocks apart."""
+    t = np.arange(100) * 0.0025
+    gyro = timed(t, I=0, SampleUS=1e6 * t, GyrX=0.1, GyrY=0.2, GyrZ=0.3)
+    accel = timed(t + 0.001, I=0, SampleUS=1e6 * (t + 0.001), AccX=0.2, AccY=0.3, AccZ=-9.8)
+    table = build({"GYR": gyro, "ACC": accel})[0].imu
+    assert table[["gyro_x", "gyro_y", "gyro_z"]].iloc[50].tolist() == pytest.approx([0.1, 0.2, 0.3])
+    assert table[["accel_x", "accel_y", "accel_z"]].iloc[50].tolist() == pytest.approx([0.2, 0.3, -9.8])
+
+
 def imu(t, offset=0.0, **more):
     return timed(t, **{f"Gyr{axis}": 0.1 + offset for axis in "XYZ"}, AccX=0.2, AccY=0.3, AccZ=-9.8, **more)
 
