@@ -9,7 +9,7 @@ from scipy.interpolate import Akima1DInterpolator
 from estimation import Trajectory, compare, errors, estimate
 from estimation.lowrate import DISTURBANCE, EKF_LASTING, filter_telemetry, transitions
 from estimation.states import SensorNoise
-from estimation.telemetry import SIZE, Measured
+from estimation.telemetry import SIZE, Measured, steady_heights
 from tests.estimation.simulated_flight import Sensors, fly
 
 
@@ -62,6 +62,22 @@ def test_barometer_spikes_change_less_than_a_sigma(telemetry, trajectory, share)
         change = (spiked.states[column] - trajectory.states[column]).abs()
         assert (change < trajectory.sigma[column]).all(), column
     assert ("sensor-doubtful" in [f.id for f in spiked.findings]) == (share > 0.05)
+
+
+@pytest.mark.parametrize("climb_known", [True, False])
+def test_bursts_of_some_metres_are_told_from_hops_by_their_edges(climb_known):
+    """Readings off by 2 to 10 m for some seconds, some bursts over others, moved the speed by 4 to 19 sigmas."""
+    rng = np.random.default_rng(3)
+    t = np.arange(0.0, 120.0, 0.5)
+    hops = np.clip(np.abs((t % 30.0) - 15.0) - 8.0, 0.0, 4.0) * 1.5
+    alt = pd.Series(hops + rng.normal(0.0, 0.1, t.size), t)
+    climb = pd.Series(np.gradient(hops, t), t) if climb_known else None
+    assert steady_heights(alt, pd.Series(dtype=float), climb).all()
+    hit = np.zeros(t.size, bool)
+    for first, length, size in ((30, 3, -8.0), (42, 5, 9.5), (44, 6, 2.5), (150, 2, 4.0), (208, 6, -2.5)):
+        alt.iloc[first : first + length] += size
+        hit[first : first + length] = True
+    assert (steady_heights(alt, pd.Series(dtype=float), climb) == ~hit).all()
 
 
 def test_a_receiver_that_contradicts_itself_is_named(telemetry):
