@@ -10,7 +10,7 @@ from estimation import _kernels
 from estimation.place import LocalFrame
 from estimation.states import SensorNoise
 from estimation.timing import usable
-from logparse import Tables
+from logparse import Geodetic, Tables
 
 #: What one sensor measured: kind, times (n,), values (n, c) and variances (n, c).
 Block = tuple[int, np.ndarray, np.ndarray, np.ndarray]
@@ -149,6 +149,15 @@ def usable_fixes(gps: pd.DataFrame | None) -> pd.DataFrame | None:
     fixes = fixes[(fixes["lat"] != 0.0) | (fixes["lon"] != 0.0)]
     fixes = fixes[~(fixes["fix"] < 3.0)]
     return None if fixes.empty else fixes
+
+
+def find_origin(tables: Tables) -> Geodetic | None:
+    """Return the autopilot's origin where logged, else the first good fix, else None."""
+    fixes = usable_fixes(tables.gps)
+    if tables.origin is not None or fixes is None:
+        return tables.origin
+    first = fixes.iloc[0]
+    return Geodetic(float(first["lat"]), float(first["lon"]), float(first["alt"]))
 
 
 def reported(table: pd.DataFrame, column: str, default: float) -> np.ndarray:

@@ -12,7 +12,7 @@ from estimation import _kernels
 from estimation.alignment import Alignment, align, lost, turned
 from estimation.filter import COARSE, assemble, matched_scale, run
 from estimation.lags import DECISIVE
-from estimation.observations import Observations
+from estimation.observations import Observations, find_origin
 from estimation.place import LocalFrame, MagneticField, World, world_field
 from estimation.states import SensorNoise
 from estimation.timing import ACCEL, GYRO, LONGEST_HOLE, InertialSignal, sample_rate, segments, usable
@@ -35,7 +35,7 @@ class Surroundings:
     @classmethod
     def of(cls, tables: Tables, date: datetime | None) -> "Surroundings":
         """Find the origin and what gravity, Earth's rotation and magnetic field are there."""
-        origin = tables.origin
+        origin = find_origin(tables)
         if origin is None:
             return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
         simulated = is_simulated(tables.parameters)

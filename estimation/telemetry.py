@@ -14,7 +14,7 @@ import pandas as pd
 
 from core.findings import warning
 from core.units import STANDARD_GRAVITY
-from estimation.observations import observe_gps, reported, usable_fixes
+from estimation.observations import find_origin, observe_gps, reported, usable_fixes
 from estimation.place import LocalFrame
 from estimation.states import SensorNoise
 from estimation.timing import usable
@@ -161,7 +161,7 @@ def measurements_of(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[
         h, v = reported(fixes, "h_acc", noise.h_acc), reported(fixes, "v_acc", noise.v_acc)
         gps_sigma = np.array([np.median(h), np.median(h), np.median(v)])
     gps_sigma = gps_sigma * noise.gps_error_share
-    origin = tables.origin
+    origin = find_origin(tables)
     selector = np.zeros((6, SIZE))
     selector[:3, 0:3] = selector[:3, 9:12] = np.eye(3)
     selector[3:, 3:6] = np.eye(3)
@@ -181,7 +181,7 @@ def measurements_of(tables: Tables, noise: SensorNoise) -> tuple[Geodetic, list[
             there = np.isfinite(z)
             rows.append(Measured(when, "gps_position", selector[there], z[there], variance[there]))
         sources.append("GPS fixes")
-    if ekf is not None:
+    if ekf is not None and (tables.origin is not None or fixes is None):
         t = ekf.index.to_numpy(float)
         z = ekf[["p_n", "p_e", "p_d", "v_n", "v_e", "v_d"]].to_numpy(float)
         variance = np.repeat([EKF_POSITION**2, EKF_VELOCITY**2], 3)

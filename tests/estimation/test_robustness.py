@@ -8,6 +8,7 @@ import pytest
 
 from estimation import compare, errors, estimate, nees
 from estimation.timing import ACCEL, GYRO
+from logparse.tables import Tables
 from tests.estimation.simulated_flight import Sensors, fly, later
 
 VELOCITY = ("v_n", "v_e", "v_d")
@@ -151,6 +152,14 @@ def test_a_barometer_that_wanders_in_flight_does_not_lend_its_error_to_the_climb
         at = estimated.states.index[estimated.states.index > 90.0]
         error = np.interp(at, wandering.truth.index, wandering.truth["v_d"]) - estimated.states.loc[at, "v_d"]
         assert np.sqrt(np.mean((error / estimated.sigma.loc[at, "v_d"]) ** 2)) < 2.0  # 3.5 to 5.9 before
+
+
+def test_tables_made_by_hand_need_no_origin(flight, truth, clean):
+    """Positions are then counted from the first good fix."""
+    tables = flight.tables
+    bare = estimate(Tables(imu=tables.imu, gps=tables.gps, baro=tables.baro, mag=tables.mag), rate=10.0)
+    assert compare(bare, truth).horizontal_velocity == pytest.approx(clean.horizontal_velocity, abs=0.02)
+    assert bare.sigma["p_n"].max() < 2.0
 
 
 def turned_by(tables, degrees):
