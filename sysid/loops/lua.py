@@ -126,6 +126,10 @@ class Multisine:
     phase: Floats
     period: float
 
+    def at(self, t: Floats) -> Floats:
+        """Return values at times, s."""
+        return np.asarray(np.sin(2.0 * np.pi * np.outer(t, self.hz) + self.phase) @ self.amplitude)
+
 
 def _peak_factor(x: Floats) -> float:
     """Return (max - min) / (2 sqrt 2 rms): 1 for a sine."""

@@ -224,4 +224,4 @@ def test_python_command_line_and_service_say_the_same_of_a_setting():
         assert options[name].default == (getattr(AnalysisConfig(), name) or options[name].default), name
         if name in offered:
             assert offered[name].description == setting.help
-    assert set(offered) < set(SETTINGS) < set(AnalysisConfig.__dataclass_fields__)
+    assert set(offered) < set(SETTINGS) == set(AnalysisConfig.__dataclass_fields__)

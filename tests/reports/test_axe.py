@@ -47,7 +47,7 @@ def _of_a_craft(file):
     table = pd.DataFrame.from_dict(rows, orient="index", columns=names)
     table.index = pd.MultiIndex.from_tuples(rows, names=["parameter", "method"])
     finding = Finding("methods-disagree", Severity.WARNING, "two methods disagree", "weigh the craft")
-    parameters = PhysicalParameters(table, None, (finding,))
+    parameters = PhysicalParameters(table, None, None, None, None, (finding,))
     file.write_text(parameters_page(parameters, OCTA, ["flight.bin"], 4.3), encoding="utf-8")
     return file
 
