@@ -195,7 +195,7 @@ def _repeat(flights: Sequence[FlightEntry], lost: Sequence[FlightEntry]) -> Iter
             gain="they can train and judge models of the motion, which they cannot now",
             flights=tuple(flight.name for flight in lost),
         )
-    still = [flight for flight in flights if flight not in lost and hardly_moves(flight)]
+    still = [flight for flight in flights if flight not in lost and position_good(flight) and hardly_moves(flight)]
     if still:
         yield Advice(
             id="repeat-with-movement",

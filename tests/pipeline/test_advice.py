@@ -166,7 +166,8 @@ def test_a_receiver_that_sees_no_satellite_is_not_sent_under_open_sky():
     blind = GpsReading(satellites_least=0, satellites_median=0, fix_share=0.0)
     cloudy = dataclasses.replace(blind, satellites_median=3)
     unknown = {"position_sigma": {"median": 900.0, "max": 2000.0}}
-    assert for_craft([good("indoors", health=unknown, gps=blind, known=False)]) == ()
+    for more in ({}, {"excitation": {"acceleration_rms": 0.06}}):  # what it moved is not known either
+        assert for_craft([good("indoors", health=unknown, gps=blind, known=False, **more)]) == ()
     assert for_craft([good("cloudy", health=unknown, gps=cloudy, known=False)]) != ()
 
 
