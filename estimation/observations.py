@@ -9,7 +9,7 @@ import pandas as pd
 from estimation import _kernels
 from estimation.place import LocalFrame
 from estimation.states import SensorNoise
-from estimation.timing import usable
+from estimation.timing import GYRO_MOVING, usable
 from logparse import Geodetic, Tables
 
 #: What one sensor measured: kind, times (n,), values (n, c) and variances (n, c).
@@ -35,6 +35,8 @@ LEVEL, VERTICAL = np.array([1.0, 1.0, np.nan]), np.array([np.nan, np.nan, 1.0])
 #: Ranges that are used, m: nearer than the first is the blind zone of many sensors (and the craft's own legs), farther
 #: than the second the ground is no longer that of the place.
 SHORTEST_RANGE, LONGEST_RANGE = 0.3, 10.0
+#: A magnetometer that reads the same so often while the craft turns is not measuring.
+FEWEST_REPEATED = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,3 +257,15 @@ def usable_field(mag: pd.DataFrame | None) -> pd.DataFrame | None:
         return None
     rows = rows[(rows[["mag_x", "mag_y", "mag_z"]] != 0.0).any(axis=1)]
     return None if rows.empty else rows
+
+
+def is_stuck(mag: pd.DataFrame | None, imu: pd.DataFrame | None) -> bool:
+    """Return whether the magnetometer repeats one reading for good while the craft turns."""
+    field = usable_field(mag)
+    if field is None or imu is None or len(field) < FEWEST_REPEATED:
+        return False
+    readings = field[["mag_x", "mag_y", "mag_z"]].to_numpy(float)
+    if (readings != readings[0]).any():
+        return False
+    rates = imu.loc[field.index[0] : field.index[-1], ["gyro_x", "gyro_y", "gyro_z"]].to_numpy(float)
+    return bool(np.nanmax(np.abs(rates - np.nanmedian(rates, axis=0)), initial=0.0) > GYRO_MOVING)

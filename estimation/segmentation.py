@@ -12,7 +12,7 @@ from estimation import _kernels
 from estimation.alignment import Alignment, align, lost, turned
 from estimation.filter import COARSE, assemble, matched_scale, run
 from estimation.lags import DECISIVE
-from estimation.observations import Observations, find_origin
+from estimation.observations import Observations, find_origin, is_stuck
 from estimation.place import LocalFrame, MagneticField, World, world_field
 from estimation.states import SensorNoise
 from estimation.timing import ACCEL, GYRO, LONGEST_HOLE, InertialSignal, sample_rate, segments, usable
@@ -24,26 +24,27 @@ from logparse.tables import between
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """Where the log was flown, as far as it is known, and whether its compass is believed."""
+    """Where the log was flown, as far as it is known, and whether its compass is of any use."""
 
     origin: Geodetic | None
     frame: LocalFrame | None
     field: MagneticField | None
     world: World
-    compass_useless: bool = False  #: Nor is then the heading that the autopilot took from it.
+    compass_useless: bool  #: Nor is then the heading that the autopilot took from it.
 
     @classmethod
     def of(cls, tables: Tables, date: datetime | None) -> "Surroundings":
         """Find the origin and what gravity, Earth's rotation and magnetic field are there."""
         origin = find_origin(tables)
+        stuck = is_stuck(tables.mag, tables.imu)
         if origin is None:
-            return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)))
+            return cls(None, None, None, World(STANDARD_GRAVITY, np.zeros(3)), stuck)
         simulated = is_simulated(tables.parameters)
         frame = LocalFrame.at(origin, spherical=simulated)
         field = world_field(origin, tables.parameters, date)
         # The world of the firmware's simulator does not turn and has one gravity everywhere (GRAVITY_MSS).
         world = World(STANDARD_GRAVITY, np.zeros(3)) if simulated else World(frame.gravity, frame.earth_rate)
-        return cls(origin, frame, field, world)
+        return cls(origin, frame, field, world, stuck)
 
 
 #: Segments of the log shorter than this are left out, s.

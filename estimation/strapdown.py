@@ -37,6 +37,7 @@ from estimation.trust import (
     missing_sensors,
     only_one_withdrawal,
     other_imu,
+    stuck_magnetometer,
 )
 from estimation.tuning import RELINEARISED, WINDOW, Tuned, is_sought, relinearised, settled, tune, window
 from logparse import Finding, Geodetic, MissingDataError, Tables
@@ -183,6 +184,7 @@ def _estimate_log(
 
     Segments and filters, which are as large as the IMU's samples, are released when it returns.
     """
+    findings = [stuck_magnetometer()] if place.compass_useless else []
     mag = usable_field(tables.mag) is not None
     tables, known, turn = _prepare(tables, place, noise)
     segments, tuned = known.segments, known.tuned
@@ -192,8 +194,9 @@ def _estimate_log(
     if not done:
         raise ValueError(f"the log has no IMU samples between start = {span[0]} and stop = {span[1]} s")
     fixes = usable_fixes(tables.gps)
-    gps = fixes is not None and len(fixes) >= FEWEST_FIXES
-    findings = [*missing_sensors(gps=gps, mag=mag, baro=usable(tables.baro, ["alt"]) is not None)]
+    findings += missing_sensors(
+        gps=fixes is not None and len(fixes) >= FEWEST_FIXES, mag=mag, baro=usable(tables.baro, ["alt"]) is not None
+    )
     findings += imu_holes([segment.samples for segment in segments])
     for segment in segments:
         findings += other_imu(segment.imu, segment.gain, segment.samples)
@@ -215,7 +218,7 @@ def _estimate_log(
 
 def _prepare(tables: Tables, place: Surroundings, noise: SensorNoise) -> tuple[Tables, _Known, CompassTurn | None]:
     """Find segments and settings of a log; its tables come back with the compass turned right, or without it."""
-    if place.field is None:
+    if place.field is None or place.compass_useless:
         tables = tables.changed(mag=None)
     known = _Known.of(tables, place, noise)
     turn = _find_turn(known, tables, place, noise)

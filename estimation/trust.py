@@ -294,6 +294,16 @@ def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> Iterator[Finding]:
         yield info("not-logged", "No barometer: the height is less sure.", "Log the barometer.", what="baro")
 
 
+def stuck_magnetometer() -> Finding:
+    """Report a magnetometer whose readings never change although the craft turns."""
+    return warning(
+        "sensor-doubtful",
+        "The magnetometer repeats one reading while the craft turns: it is not used, and heading is known only "
+        "from the movement of the craft.",
+        "Look at the compass's cable and its driver (COMPASS_USE, COMPASS_DEV_ID); calibrate it again.",
+    )
+
+
 def imu_holes(pieces: list[pd.DataFrame]) -> Iterator[Finding]:
     """Report where no IMU was logged: between the samples of successive segments."""
     for before, after in pairwise(pieces):

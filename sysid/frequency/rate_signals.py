@@ -272,7 +272,10 @@ def sources_of(data: GivenSignals, within: Within | None = None) -> list[LogSign
     """Return the signals of each log, and of each power-up of one, of which the stretch `within` [s] counts."""
     signals: list[LogSignals] = []
     for given in [data] if isinstance(data, FlightLog | LogSignals | str | Path) else data:
-        signals += [given] if isinstance(given, LogSignals) else [LogSignals(log, within) for log in logs_of(given)]
+        if isinstance(given, LogSignals):
+            signals.append(given if within is None else given.part(*within))
+        else:
+            signals += [LogSignals(log, within) for log in logs_of(given)]
     return signals
 
 

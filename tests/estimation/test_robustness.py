@@ -154,6 +154,14 @@ def test_a_barometer_that_wanders_in_flight_does_not_lend_its_error_to_the_climb
         assert np.sqrt(np.mean((error / estimated.sigma.loc[at, "v_d"]) ** 2)) < 2.0  # 3.5 to 5.9 before
 
 
+def test_a_stuck_magnetometer_is_not_believed(flight, truth):
+    mag = flight.tables.mag.copy()
+    mag.loc[:] = [-3.6e-6, 1e-7, -5.6e-6]
+    result = estimate(flight.tables.changed(mag=mag), rate=10.0)
+    assert [f.id for f in result.findings] == ["sensor-doubtful"]
+    assert np.degrees(compare(result, truth).yaw) < 1.0
+
+
 def test_tables_made_by_hand_need_no_origin(flight, truth, clean):
     """Positions are then counted from the first good fix."""
     tables = flight.tables
