@@ -321,7 +321,7 @@ def _ahead(numbers: FleetReport) -> AnswerLine:
 
 def _parameters(numbers: FleetReport) -> AnswerLine | None:
     for craft in numbers.groups:
-        joint = thrust_known(craft.parameters)
+        joint = thrust_known(craft.thrust, craft.parameters)
         if joint is not None:
             what = "thrust" if joint[2] == "N" else "thrust/mass"
             line = _line("Parameters", "partly", Tone.CARE, f"{what} per motor ({called(craft, numbers.groups)})")

@@ -79,17 +79,25 @@ def joint_sentences(group: CraftReport) -> list[str]:
 
 def thrust_coefficient(thrust: ThrustModel | None, parameters: Sequence[ParameterRow] | None) -> str:
     """Write the thrust per motor with its uncertainty and conditions; empty when there is none."""
-    known = thrust_known(parameters)
+    known = thrust_known(thrust, parameters)
     if known is None or thrust is None:
         return ""
     over = "" if known[2] == "N" else " over the mass,"
     return f"{uncertain(*known)}{over} per motor at full command {thrust_conditions(thrust)}"
 
 
-def thrust_known(parameters: Sequence[ParameterRow] | None) -> tuple[float, float, str] | None:
-    """Return the thrust of a motor, or over the mass, of all methods together, with error and unit."""
+def thrust_known(
+    thrust: ThrustModel | None, parameters: Sequence[ParameterRow] | None
+) -> tuple[float | None, float | None, str] | None:
+    """Return the thrust of a motor, or over the mass, with error and unit: of all methods, else of its own fit."""
     known = headlines(parameters).get("thrust over mass")
-    return None if known is None else (*known[:2], bare_unit(known[2]))
+    if known is not None:
+        return *known[:2], bare_unit(known[2])
+    if thrust is None or not thrust.common.determined:
+        return None
+    if thrust.common.newton is not None:
+        return thrust.common.newton, thrust.common.newton_sigma, "N"
+    return thrust.common.per_mass, thrust.common.sigma, "m/s²"
 
 
 def thrust_conditions(thrust: ThrustModel) -> str:
