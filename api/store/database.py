@@ -20,8 +20,12 @@ from sqlalchemy.pool import ConnectionPoolEntry
 
 from api.store.scratch import open_locked
 
-#: Seconds that a statement waits for another process that holds SQLite's lock, unless the URL says ``?timeout=``.
-_PATIENCE = 10.0
+#: Seconds after which a PostgreSQL server that has fallen silent is given up.
+_SILENCE = 10.0
+
+#: Seconds that a writer waits for SQLite's lock while its holder does not move, unless the URL says ``?timeout=``: a
+#: busy disk flushes one commit for more than ten, and of fifty uploads at once that refused some.
+_PATIENCE = 60.0
 
 
 class _Line:
@@ -131,7 +135,7 @@ def now(session: Session) -> datetime:
 
 def _engine(url: str) -> Engine:
     if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(url, pool_pre_ping=True, pool_timeout=_PATIENCE, connect_args=_network(url))
+        return create_engine(url, pool_pre_ping=True, pool_timeout=_SILENCE, connect_args=_network(url))
     file = _sqlite_file(url)
     _make_private(file)
     patience = {} if "timeout" in make_url(url).query else {"timeout": _PATIENCE}
@@ -172,7 +176,7 @@ def _network(url: str) -> dict[str, int]:
     """Report when a database that has fallen silent is given up; otherwise TCP would wait for many minutes."""
     if make_url(url).get_backend_name() != "postgresql":
         return {}
-    return {"connect_timeout": int(_PATIENCE), "tcp_user_timeout": int(1000 * _PATIENCE), "keepalives_idle": 10}
+    return {"connect_timeout": int(_SILENCE), "tcp_user_timeout": int(1000 * _SILENCE), "keepalives_idle": 10}
 
 
 @contextmanager

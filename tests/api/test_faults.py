@@ -196,9 +196,9 @@ def test_workers_elsewhere_do_the_work_and_may_die(elsewhere: dict[str, str], tm
 
 @pytest.mark.whole
 def test_many_uploads_at_once_are_all_kept_and_a_large_one_passes_through(tmp_path: Path) -> None:
-    """With the patience of users' services: one that waits a second for its lock refuses some on a busy computer."""
+    """With the patience of users' services: ten seconds were too few on a computer whose disk was busy."""
     with started(tmp_path) as service:
         address, pid = str(service.client.base_url), service.process.pid
-        assert load.upload_many(address, clients=50, size=1 * load.MB) == 0
+        assert load.upload_many(address, clients=50, size=1 * load.MB) == []
         assert memory("VmHWM", pid) < 300 * load.MB
         assert load.upload_large(address, pid, size=150 * load.MB) < 50
