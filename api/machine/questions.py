@@ -2,9 +2,10 @@
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -50,8 +51,6 @@ _MOMENTS, _FEWEST, _TRANSFORMED = 2000, 256, 1 << 21
 #: Fields that tell when a row was written: they are the axis of every plot, and come last among fields.
 _TIMES = frozenset({"TimeUS", "TimeMS", "timestamp", "timestamp_sample", "time_boot_ms", "time_usec"})
 
-Answer = TypeVar("Answer")
-
 _logs: OrderedDict[Path, FlightLog] = OrderedDict()
 _signals: OrderedDict[tuple[Path, str], LoggedSignal] = OrderedDict()
 
@@ -62,19 +61,17 @@ class QuestionError(Exception):
 
 def recognise(path: Path, name: str) -> None:
     """Refuse a file that does not begin like a log; `name` is what its user calls it."""
-    _in_users_words(lambda: check_is_log(path), path, name)
+    with _in_users_words(path, name):
+        check_is_log(path)
 
 
 def list_messages(path: Path, name: str) -> LoggedMessages:
     """List the messages of a log that come more than once, and its modes, events and texts."""
-
-    def answer() -> LoggedMessages:
+    with _in_users_words(path, name):
         log = _opened(path)
         counts = sorted(log.messages.counts.items())
         messages = [MessageCount(message, rows) for message, rows in counts if rows > 1]
         return LoggedMessages(float(log.boot.t_start), float(log.boot.t_end), messages, _moments(log))
-
-    return _in_users_words(answer, path, name)
 
 
 def _moments(log: FlightLog) -> list[Moment]:
@@ -95,8 +92,7 @@ def _rows(table: pd.DataFrame, *names: str) -> "zip[tuple[Any, ...]]":
 
 def list_parameters(path: Path, name: str, before: tuple[Path, str] | None) -> LoggedParameters:
     """List the autopilot's parameters beside those of another log, which its user calls by a name."""
-
-    def answer() -> LoggedParameters:
+    with _in_users_words(path, name):
         values, earlier = _parameters(path), {} if before is None else _parameters(before[0])
         rows = [
             LoggedParameter(parameter, value, earlier.get(parameter), _changed(parameter, value, earlier))
@@ -104,8 +100,6 @@ def list_parameters(path: Path, name: str, before: tuple[Path, str] | None) -> L
         ]
         rows.sort(key=lambda row: (not row.changed, row.name))
         return LoggedParameters(None if before is None else before[1], rows)
-
-    return _in_users_words(answer, path, name)
 
 
 def _parameters(path: Path) -> Mapping[str, float]:
@@ -120,8 +114,7 @@ def _changed(name: str, value: float, earlier: Mapping[str, float]) -> bool:
 
 def list_fields(path: Path, name: str, message: str) -> LoggedFields:
     """List the numeric fields of one message, as they are written in expressions."""
-
-    def answer() -> LoggedFields:
+    with _in_users_words(path, name):
         log = _opened(path)
         if message not in log.messages:
             raise QuestionError(f"{name} has no {message}.")
@@ -142,31 +135,23 @@ def list_fields(path: Path, name: str, message: str) -> LoggedFields:
             [LoggedField(f"{sensor}.{field}", str(units.get(field) or "")) for sensor in sensors for field in fields]
         )
 
-    return _in_users_words(answer, path, name)
-
 
 def read_signals(
     path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None, points: int
 ) -> Signals:
     """Evaluate expressions over a stretch of time, thinned to `points` values each such that no peak is lost."""
-
-    def answer() -> Signals:
+    with _in_users_words(path, name):
         log = _opened(path)
         return Signals([_signal(log, path, text, start, stop, points) for text in texts])
-
-    return _in_users_words(answer, path, name)
 
 
 def read_spectra(path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None) -> Signals:
     """Transform expressions over a stretch of time, that of the longest flight by default; with the rotors' speeds."""
-
-    def answer() -> Signals:
+    with _in_users_words(path, name):
         log = _opened(path)
         first, last = (log.flight.start, log.flight.stop) if log.flight else (log.boot.t_start, log.boot.t_end)
         stretch = Span(first if start is None else start, last if stop is None else stop)
         return Signals([_spectrum(log, path, text, stretch) for text in texts], rotor_speeds(log.tables, stretch))
-
-    return _in_users_words(answer, path, name)
 
 
 def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpectrum | NoSignal:
@@ -262,8 +247,10 @@ def _opened(path: Path) -> FlightLog:
     return _logs[path]
 
 
-def _in_users_words(answer: Callable[[], Answer], path: Path, name: str) -> Answer:
+@contextmanager
+def _in_users_words(path: Path, name: str) -> Iterator[None]:
+    """Name a log that cannot be read as its user calls it."""
     try:
-        return answer()
+        yield
     except RotoridError as error:
         raise QuestionError(str(error).replace(path.name, name)) from None
