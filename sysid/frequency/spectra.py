@@ -452,7 +452,7 @@ class SpectralRegression:
         )
 
     def estimate(self, records: Sequence[AnswerSums], known: Complex | None = None) -> WindowEstimate:
-        """WindowEstimate the first response from products with an output.
+        """Estimate the first response from products with an output.
 
         `known` (F,): response to the first input that was taken out of the output beforehand.
         """
