@@ -1,4 +1,4 @@
-"""Imports that wait until they are used, so that commands start quickly.
+"""Imports deferred until first use, so that commands start quickly.
 
 A module that is slow to load and seldom needed is imported at the top all the same: as itself for type checkers, and at
 run time as a stand-in::
@@ -19,7 +19,7 @@ from typing import Any
 
 
 class _Module:
-    """Stand-in for a module, which is imported when an attribute of it is used."""
+    """Stand-in that imports its module when an attribute is first read."""
 
     __slots__ = ("_name",)
 
@@ -31,19 +31,19 @@ class _Module:
 
 
 def lazy(name: str) -> Any:
-    """Return a stand-in for the module of this name; one that is not installed is an ImportError at its first use."""
+    """Return a stand-in for a module; if it is not installed, ImportError comes at first use."""
     return _Module(name)
 
 
 def exports(package: str, source: str) -> tuple[Callable[[str], object], Callable[[], list[str]]]:
-    """Return a package's ``__getattr__`` and ``__dir__``, for names that are imported when they are first used.
+    """Return a package's ``__getattr__`` and ``__dir__``, for names that are imported at first use.
 
     Parameters
     ----------
     package : str
-        Its name.
+        Name of the package.
     source : str
-        Its ``__init__.py``, whose block ``if TYPE_CHECKING:`` imports the names from where they are defined.
+        Path of its ``__init__.py``, whose block ``if TYPE_CHECKING:`` imports the exported names.
     """
     homes = {
         alias.asname or alias.name: (statement.module or package, alias.name)
@@ -59,8 +59,8 @@ def exports(package: str, source: str) -> tuple[Callable[[str], object], Callabl
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         home, original = homes[name]
         module = import_module(home)
-        of_module = home != package and hasattr(module, original)
-        exported = getattr(module, original) if of_module else import_module(f"{home}.{original}")
+        is_attribute = home != package and hasattr(module, original)  # else a submodule
+        exported = getattr(module, original) if is_attribute else import_module(f"{home}.{original}")
         setattr(import_module(package), name, exported)
         return exported
 

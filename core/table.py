@@ -1,4 +1,4 @@
-"""`Table`: made once, shown on pages (macro `table` of parts.html), in notebooks, as Markdown, and in the terminal."""
+"""`Table`: one table for pages (macro `table` of parts.html), notebooks, Markdown and the terminal."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 else:
     rich_table, rich_text = lazy("rich.table"), lazy("rich.text")
 
-#: Colours of tones on a terminal; a tone without one is for pages alone.
+#: Terminal colours of tones; a tone not listed here is shown on pages only.
 TONES: Mapping[str, str] = {
     "good": "green",
     "care": "yellow",
@@ -31,12 +31,12 @@ TONES: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A cell whose tone says what to make of it."""
+    """A table cell whose tone (good, care, bad ...) gives its colour."""
 
     text: str
     tone: str = ""  #: One of `TONES`.
-    badge: str = ""  #: On pages: a word in the colour of the tone before the text, which is then plain.
-    under: str = ""  #: On pages: what a smaller line below says besides.
+    badge: str = ""  #: On pages: a word in the tone's colour before the text, which is then plain.
+    under: str = ""  #: On pages: a smaller second line.
 
     def __str__(self) -> str:
         return self.text
@@ -44,51 +44,51 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A line of a table."""
+    """A row of a table."""
 
     label: str | Cell
     cells: Sequence[str | Cell] = ()
-    #: ``"part"`` heads the lines below it and has no cells; ``"average"``, ``"baseline"`` and ``"strong"`` are styles.
+    #: ``"part"`` heads the rows below it and has no cells; ``"average"``, ``"baseline"`` and ``"strong"`` are styles.
     kind: str = ""
-    link: str | None = None  #: Page that the label leads to.
+    link: str | None = None  #: Page that the label links to.
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Lines under one head."""
+    """Rows under one header."""
 
-    label: str  #: Head of the labels.
-    heads: Sequence[str]  #: Of the cells; where all heads are empty none is shown.
+    label: str  #: Header of the label column.
+    heads: Sequence[str]  #: Headers of the other columns; no header is shown where all are empty.
     rows: Sequence[Row]
     caption: str = ""
-    groups: Sequence[str] = ()  #: Heads over equally many of `heads` each; empty for none.
-    #: Places in `heads` of columns of text: aligned to the left and folded on a narrow terminal; others hold numbers.
+    groups: Sequence[str] = ()  #: Headers that each span equally many of `heads`; empty for none.
+    #: Indices into `heads` of text columns: left-aligned, and folded on a narrow terminal. Others hold numbers.
     texts: Collection[int] = ()
-    style: str = ""  #: Class on pages.
-    roomy: Collection[int] = ()  #: Places in `heads` of columns that a phone has no room for.
+    style: str = ""  #: CSS class on pages.
+    roomy: Collection[int] = ()  #: Indices into `heads` of columns hidden on a phone.
 
     @classmethod
     def of_numbers(
         cls,
         label: str,
         heads: Sequence[str],
-        lines: Sequence[tuple[Row, Sequence[float | None]]],
+        rows: Sequence[tuple[Row, Sequence[float | None]]],
         caption: str = "",
         groups: Sequence[str] = (),
         digits: tuple[int, int] = (3, 3),
     ) -> Self:
-        """Lay out numbers whose decimal points stand below each other; `digits` as of `column`.
+        """Make a table of numbers aligned at the decimal point; `digits` as of `column`.
 
-        A line without numbers has no cells, unless its row brings some.
+        A row without numbers keeps the cells that it has.
         """
-        numbered = [values for _, values in lines if values]
+        numbered = [values for _, values in rows if values]
         cells = zip(*(column(numbers, *digits) for numbers in zip(*numbered, strict=True)), strict=True)
-        rows = [replace(row, cells=(*row.cells, *next(cells))) if values else row for row, values in lines]
-        return cls(label, heads, rows, caption, groups)
+        filled = [replace(row, cells=(*row.cells, *next(cells))) if values else row for row, values in rows]
+        return cls(label, heads, filled, caption, groups)
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, caption: str = "") -> Self:
-        """Show the rows of a table of numbers and texts, the first column as labels; numbers with five digits."""
+        """Make a table of a DataFrame, its first column as labels, numbers with five digits."""
         columns = [
             [f"{value:.5g}" if frame[name].dtype.kind in "iuf" else str(value) for value in frame[name]]
             for name in frame.columns
@@ -101,11 +101,11 @@ class Table:
 
     @property
     def headed(self) -> bool:
-        """Whether any column has a head."""
+        """Whether any column has a header."""
         return any((self.label, *self.heads))
 
     def markdown(self) -> str:
-        """Write the table as GitHub-flavoured Markdown, lines of kind "part" in bold."""
+        """Return the table as GitHub-flavoured Markdown, rows of kind "part" in bold."""
         caption = [escaped(self.caption), ""] if self.caption else []
         aligned = (" --- |" if place in self.texts else " ---: |" for place in range(len(self.heads)))
         lines = [_line(self.label, self.heads), "| --- |" + "".join(aligned)]
@@ -115,7 +115,7 @@ class Table:
         return "\n".join([*caption, *lines])
 
     def html(self) -> str:
-        """Write the table for a notebook."""
+        """Return the table as HTML for a notebook."""
         left = " style='text-align:left'"
         head = "".join(f"<th>{escape(title)}</th>" for title in (self.label, *self.heads))
         rows = (
@@ -160,16 +160,16 @@ def _line(label: str | Cell, cells: Sequence[str | Cell], *, bold: bool = False)
 
 
 def escaped(text: str) -> str:
-    """Escape what Markdown and HTML would take for their own."""
+    """Escape characters that Markdown or HTML would interpret."""
     for mark in "\\`*_[]<>#|":
         text = text.replace(mark, {"<": "&lt;", ">": "&gt;"}.get(mark, f"\\{mark}"))
     return " ".join(text.split())
 
 
-#: First characters of what a spreadsheet calculates (OWASP, CSV injection).
+#: First characters that make a spreadsheet take a cell for a formula (OWASP, CSV injection).
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def as_cell(text: str) -> str:
-    """Return text that a spreadsheet shows as it is: what it would take for a formula gets an apostrophe before it."""
+    """Prefix text that a spreadsheet would take for a formula with an apostrophe."""
     return f"'{text}" if text.startswith(_FORMULA) else text

@@ -1,9 +1,9 @@
-"""Does the compass point where GPS and IMU say that north is.
+"""Misalignment of the compass about the down axis, from the heading that GPS and IMU show.
 
-A craft that accelerates shows its heading without a compass: the receiver's velocities change along north and east, the
-accelerometer feels it along the body's axes. A compass that was turned on its mount does not simply contradict that:
-the filter tilts the craft until all agree, each a little wrong. So the beginning of the flight is filtered again
-without it, and its readings are laid over the attitude that comes of this.
+A craft that accelerates shows its heading without a compass: GPS measures the acceleration along north and east, the
+accelerometer along the body's axes. A filter that uses a misaligned compass hides the contradiction by tilting the
+craft. So the first part of the flight is filtered again without the compass, and its readings are compared with the
+attitude that results.
 """
 
 from dataclasses import dataclass, replace
@@ -27,54 +27,50 @@ from estimation.trust import inconsistent
 from estimation.tuning import Tuned, relinearised, settled, window
 from logparse import Finding
 
-#: A compass is set right if it is turned by more than this, rad, and so many times what is known of it ...
+#: A compass is corrected if turned by more than this, rad, and by so many sigmas of the turn.
 TURNED, CERTAIN = np.radians(8.0), 4.0
-#: ... and looked at closely if by so many times. What then is more than the second is named, and heading is no better
-#: known than that.
+#: Sigmas from which on a turn is examined further, and from which on it is reported and added to the heading's sigma.
 SUSPECTED, DOUBTFUL = 2.0, 3.0
-#: One turned by more, rad, is no matter of its mount: axes or signs are exchanged, of compass or IMU, and which of the
-#: two is not known, so that the trajectory is withdrawn. Readings that scatter as much show no turn.
+#: A larger turn, rad, is not one of the mount: axes or signs of compass or IMU are exchanged. Which of the two is not
+#: known, so the trajectory is withdrawn. Readings that scatter as much show no turn.
 EXCHANGED = np.radians(60.0)
-#: What is known of the heading to begin with, without a compass, rad.
+#: 1-sigma of the initial heading without a compass, rad.
 HEADING_UNKNOWN = 1.0
-#: Passes until the heading about which the filter is linearised settles.
+#: Most iterations of relinearisation.
 PASSES = 4
-#: Readings nearer to each other than this, s, are not looked at; errors last for at least the second.
+#: Shortest time between the readings used, and correlation time of their errors, s.
 STEP, LASTING = 0.2, 1.0
-FEWEST = 20
+FEWEST = 20  #: Readings.
 
 
 @dataclass(frozen=True, slots=True)
 class CompassTurn:
-    """By how much the compass is turned about the craft's down axis, clockwise from above."""
+    """Angle by which the compass is turned about the craft's down axis, clockwise from above."""
 
     angle: float  #: rad
     sigma: float  #: 1-sigma of the angle, rad.
-    spread: float  #: Root mean square of what turn and hard iron leave of the readings' directions, rad.
+    spread: float  #: RMS of the readings' directions after turn and hard iron are removed, rad.
 
     @property
     def suspected(self) -> bool:
-        """Whether it deserves a closer look."""
+        """Whether it should be examined further."""
         return bool(abs(self.angle) > max(TURNED, SUSPECTED * self.sigma))
 
     @property
     def certain(self) -> bool:
-        """Whether it is turned.
-
-        A turn that leaves more than it explains is none: then attitude or compass err in another way.
-        """
+        """Whether it is turned: a turn smaller than the scatter that it leaves is some other error."""
         explained = self.spread < min(abs(self.angle), EXCHANGED)
         return bool(explained and abs(self.angle) > max(TURNED, CERTAIN * self.sigma))
 
     @property
     def doubtful(self) -> bool:
-        """Whether it may be turned, though not beyond doubt."""
-        tells = not (self.certain or self.exchanged) and self.spread < EXCHANGED
-        return bool(tells and abs(self.angle) > max(TURNED, DOUBTFUL * self.sigma))
+        """Whether it may be turned, but is not `certain`."""
+        measurable = not (self.certain or self.exchanged) and self.spread < EXCHANGED
+        return bool(measurable and abs(self.angle) > max(TURNED, DOUBTFUL * self.sigma))
 
     @property
-    def unknown(self) -> float:
-        """1-sigma of the heading that comes of it, rad."""
+    def heading_sigma(self) -> float:
+        """1-sigma that it adds to the heading, rad."""
         return float(np.hypot(self.sigma, self.angle)) if self.doubtful else self.sigma
 
     @property
@@ -82,8 +78,8 @@ class CompassTurn:
         """Whether axes must be exchanged, of the compass or of the IMU."""
         return bool(abs(self.angle) > EXCHANGED)
 
-    def undone(self, mag: pd.DataFrame) -> pd.DataFrame:
-        """Return the readings of a compass that is not turned."""
+    def corrected(self, mag: pd.DataFrame) -> pd.DataFrame:
+        """Return the readings turned back."""
         level = (mag["mag_x"] + 1j * mag["mag_y"]).to_numpy() * np.exp(-1j * self.angle)
         return mag.assign(mag_x=level.real, mag_y=level.imag)
 
@@ -97,21 +93,21 @@ def compass_turn(
     tuned: Tuned,
     noise: SensorNoise,
 ) -> CompassTurn | None:
-    """Find the turn of the compass against the heading that all other sensors give; None where there is too little."""
+    """Estimate the turn of the compass against the heading by all other sensors; None without enough readings."""
     begin, stop = window(signal)
-    seen = observations.between(max(begin, signal.start), min(stop, signal.stop))
-    readings = np.flatnonzero((seen.kind == _kernels.MAG) & (np.diff(seen.start) == 3))
-    readings = readings[np.unique(np.floor(seen.t[readings] / STEP), return_index=True)[1]]
-    # Rows of the filter, of which the first is its start.
-    readings = readings[np.diff(seen.t[readings], prepend=signal.start) > 0.5 * STEP]
+    selected = observations.between(max(begin, signal.start), min(stop, signal.stop))
+    readings = np.flatnonzero((selected.kind == _kernels.MAG) & (np.diff(selected.start) == 3))
+    readings = readings[np.unique(np.floor(selected.t[readings] / STEP), return_index=True)[1]]
+    # Output times of the filter, of which the first is its start.
+    readings = readings[np.diff(selected.t[readings], prepend=signal.start) > 0.5 * STEP]
     if readings.size < FEWEST:
         return None
-    t = seen.t[readings]
-    measured = seen.z[seen.start[readings][:, None] + np.arange(3)]
+    t = selected.t[readings]
+    measured = selected.z[selected.start[readings][:, None] + np.arange(3)]
     rate = len(t) / max(np.ptp(t), LASTING)
 
     def turn_from(start: Alignment) -> tuple[CompassTurn, float, float]:
-        """Return the turn that comes of a start, the likelihood of all but the compass, and the first heading."""
+        """Return the turn found from an initial alignment, the likelihood without compass, and the initial heading."""
         problem = _without_compass(signal, observations, start, world, tuned, noise, t, stop)
         for _ in range(PASSES):
             result = run(problem)
@@ -129,11 +125,11 @@ def compass_turn(
     turn, likelihood, yaw = turn_from(aligned)
     if not turn.suspected:
         return turn
-    # A craft that hardly accelerates shows several headings, and which is found hangs on the start: that of the compass
-    # is as good unless another is decisively likelier.
-    upright, likelihood_upright, _ = turn_from(turned(aligned, yaw - turn.angle, HEADING_UNKNOWN))
-    better = abs(upright.angle) < abs(turn.angle) and likelihood - likelihood_upright < DECISIVE
-    return upright if better else turn
+    # With little acceleration the likelihood has several maxima: the one near the compass's heading is taken unless the
+    # other is decisively likelier.
+    near, likelihood_near, _ = turn_from(turned(aligned, yaw - turn.angle, HEADING_UNKNOWN))
+    better = abs(near.angle) < abs(turn.angle) and likelihood - likelihood_near < DECISIVE
+    return near if better else turn
 
 
 def _without_compass(
@@ -146,7 +142,7 @@ def _without_compass(
     t: np.ndarray,
     stop: float,
 ) -> FilterSegment:
-    """Lay out the beginning of the flight without compass, with rows at the start and at times t."""
+    """Set up the filter of the first part of the flight without compass, with outputs at the start and at times t."""
     start = with_priors(aligned, noise, tuned.noise)
     start = turned(start, float(euler_from_quat(start.x[6:10])[2]), HEADING_UNKNOWN)
     P = start.P.copy()
@@ -169,17 +165,19 @@ def _without_compass(
 
 
 def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate: float) -> CompassTurn:
-    """Fit a turn about the body's down axis and a hard iron to readings, shape (n, 3), of which `rate` come a second.
+    """Fit a turn about the body's down axis and a hard iron to readings, shape (n, 3), at `rate` readings per second.
 
-    A craft that never turns cannot tell one from the other but by the hard iron's size (`SensorNoise.hard_iron`).
+    If the craft never yaws, only the prior of the hard iron (`SensorNoise.hard_iron`) separates the two.
     """
     m, z = (v[:, 0] + 1j * v[:, 1] for v in (expected, measured))
     angle, iron = float(np.angle(np.sum(z * m.conj()))), 0.0 + 0.0j
     for _ in range(PASSES):
         turned_field = m * np.exp(1j * angle)
-        left = z - turned_field - iron
-        scale = max(noise.mag, robust_sigma(np.concatenate([left.real, left.imag])))
-        weight = np.minimum(1.0, 2.0 * scale / np.maximum(np.abs(left), scale)) / scale**2 / max(rate * LASTING, 1.0)
+        residual = z - turned_field - iron
+        scale = max(noise.mag, robust_sigma(np.concatenate([residual.real, residual.imag])))
+        weight = (
+            np.minimum(1.0, 2.0 * scale / np.maximum(np.abs(residual), scale)) / scale**2 / max(rate * LASTING, 1.0)
+        )
         slope = 1j * turned_field
         H = np.array(
             [
@@ -191,35 +189,35 @@ def _fitted(measured: np.ndarray, expected: np.ndarray, noise: SensorNoise, rate
         prior = iron * noise.hard_iron**-2
         g = np.array(
             [
-                np.sum(weight * (slope.conj() * left).real),
-                np.sum(weight * left.real) - prior.real,
-                np.sum(weight * left.imag) - prior.imag,
+                np.sum(weight * (slope.conj() * residual).real),
+                np.sum(weight * residual.real) - prior.real,
+                np.sum(weight * residual.imag) - prior.imag,
             ]
         )
         step = np.linalg.solve(H, g)
         angle, iron = angle + float(step[0]), iron + complex(step[1], step[2])
-    left = np.angle((z - iron) * m.conj() * np.exp(-1j * angle))
+    residual = np.angle((z - iron) * m.conj() * np.exp(-1j * angle))
     return CompassTurn(
         float(np.angle(np.exp(1j * angle))),
         float(np.sqrt(np.linalg.inv(H)[0, 0])),
-        float(np.sqrt(np.mean(left**2))),
+        float(np.sqrt(np.mean(residual**2))),
     )
 
 
-def turned_compass(turn: CompassTurn) -> Finding:
-    """Report a compass that is turned: set right, or in doubt, or what withdraws the trajectory."""
+def compass_finding(turn: CompassTurn) -> Finding:
+    """Report a turned compass: corrected, doubtful, or withdrawing the trajectory."""
     degrees, sigma = float(np.degrees(turn.angle)), float(np.degrees(turn.sigma))
     evidence = {"turn_deg": degrees, "sigma_deg": sigma}
-    shown = (
+    heading = (
         f"a heading {abs(degrees):.0f} ± {sigma:.0f} degrees {'left' if degrees > 0.0 else 'right'} of the one that "
         "GPS and IMU show when the craft accelerates"
     )
     if turn.exchanged:
-        return inconsistent(f"the compass shows {shown}, as if its axes or the IMU's were exchanged", evidence)
+        return inconsistent(f"the compass shows {heading}, as if its axes or the IMU's were exchanged", evidence)
     if turn.doubtful:
         return warning(
             "sensor-doubtful",
-            f"The compass shows {shown}: too little to turn it or the IMU by, and headings are no better known than "
+            f"The compass shows {heading}: too little to turn it or the IMU by, and headings are no better known than "
             "that.",
             "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and "
             "iron near the compass; a flight that accelerates along both axes for a minute tells more.",
@@ -227,7 +225,7 @@ def turned_compass(turn: CompassTurn) -> Finding:
         )
     return warning(
         "sensor-doubtful",
-        f"The compass shows {shown}. Compass or IMU is turned on the craft; which of the two cannot be told. The "
+        f"The compass shows {heading}. Compass or IMU is turned on the craft; which of the two cannot be told. The "
         "compass is turned back by so much: if it is the IMU, headings are still off by that.",
         "Look at how compass and autopilot are mounted (COMPASS_ORIENT, AHRS_ORIENTATION), and at currents and iron "
         "near the compass; calibrate it again.",

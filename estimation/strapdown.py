@@ -12,7 +12,7 @@ import pandas as pd
 from estimation import _kernels
 from estimation._kernels import Estimates
 from estimation.alignment import Alignment, carried_over, with_priors
-from estimation.compass import CompassTurn, compass_turn, turned_compass
+from estimation.compass import CompassTurn, compass_finding, compass_turn
 from estimation.consistency import innovation_statistics
 from estimation.filter import Filtered, FilterSegment, assemble, new_memory, run, ticks
 from estimation.observations import Observations, observe, usable_field, usable_fixes
@@ -103,10 +103,10 @@ def _longest(segments: list[Segment]) -> Segment:
 
 
 def _find_turn(known: _Known, tables: Tables, place: Surroundings, noise: SensorNoise) -> CompassTurn | None:
-    """Return the turn of a compass of which there is no or some doubt, else None.
+    """Return the turn of the compass where it is certain or doubtful, else None.
 
-    Settings that were found with a turned compass are those of worse sensors than the log has. So where they raise a
-    suspicion, others are found without.
+    Noise that was tuned with a turned compass is too large. So a suspected turn is estimated again with noise tuned
+    without the compass.
     """
     if tables.mag is None or place.field is None:
         return None
@@ -202,7 +202,7 @@ def _estimate_log(
         findings += other_imu(segment.imu, segment.gain, segment.samples)
     for estimated in done:
         findings += gps_troubles(estimated.filtered, estimated.rows.t, estimated.rows.estimates.covariance)
-    doubts = [turned_compass(turn)] if turn is not None else []
+    doubts = [compass_finding(turn)] if turn is not None else []
     doubts += doubtful_sensors(innovation_statistics([e.filtered for e in done]))
     doubts += missed_steps([e.filtered.shocks for e in done], sum(e.segment.length for e in done))
     doubts += late_sensors(tuned.lags)
@@ -210,7 +210,7 @@ def _estimate_log(
     rows = [estimated.rows for estimated in done]
     if turn is not None:
         for segment_rows in rows:
-            segment_rows.estimates.covariance[:, 2, 2, 2] += turn.unknown**2
+            segment_rows.estimates.covariance[:, 2, 2, 2] += turn.heading_sigma**2
     diagnostics = _diagnostics(tables, done, place, tuned)
     gps_lag = tuned.lags.get("gps", 0.0)
     return rows, _Remarks(findings=findings, doubts=doubts, diagnostics=diagnostics, gps_lag=gps_lag)
@@ -223,7 +223,7 @@ def _prepare(tables: Tables, place: Surroundings, noise: SensorNoise) -> tuple[T
     known = _Known.of(tables, place, noise)
     turn = _find_turn(known, tables, place, noise)
     if turn is not None and tables.mag is not None and turn.certain and not turn.exchanged:
-        tables = tables.changed(mag=turn.undone(tables.mag))
+        tables = tables.changed(mag=turn.corrected(tables.mag))
         known = _Known.of(tables, place, noise)
     return tables, known, turn
 

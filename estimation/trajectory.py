@@ -45,32 +45,32 @@ SIGMA_COLUMNS: Mapping[str, str] = {
 }
 
 
-#: Largest horizontal 1-sigma, m, at which the position counts as known: what drifts further was not measured.
+#: Largest horizontal 1-sigma, m, at which the position counts as known; beyond, it drifted without measurements.
 POSITION_KNOWN = 25.0
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trajectory(Summarised):
-    """The estimated motion of a log, and what the estimator found of its sensors."""
+    """The estimated motion of a log, with findings on its sensors."""
 
     states: pd.DataFrame  #: Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
     sigma: pd.DataFrame  #: Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
     #: shape (n, 3, 3, 3): Covariances of the errors of position, of velocity and of attitude at each row.
     covariance: np.ndarray
-    origin: Geodetic  #: Place of the local NED frame. Latitude and longitude are NaN where no sensor knew them.
+    origin: Geodetic  #: Of the local NED frame. Latitude and longitude are NaN where no sensor measured them.
     #: ``"strapdown"`` (IMU-rate error-state EKF and smoother) or ``"low-rate"`` (telemetry: attitude-aided filter).
     method: str
-    #: What the filter reports of itself, such as innovation statistics per sensor.
+    #: Of the filter, such as innovation statistics per sensor.
     diagnostics: Mapping[str, object] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     @property
     def inconsistency(self) -> str:
-        """Why the trajectory must not be used, as the finding `trajectory-inconsistent` has it; empty if it may."""
+        """Why the trajectory must not be used (finding `trajectory-inconsistent`); empty if it may."""
         return next((f.reason for f in self.findings if f.id == "trajectory-inconsistent"), "")
 
     def unknown_position(self, start: float, stop: float) -> str:
-        """Explain why there is no motion to fit in a stretch of time; empty where the horizontal position is known.
+        """Explain why there is no motion to fit between two times; empty where the horizontal position is known.
 
         Parameters
         ----------
@@ -87,7 +87,7 @@ class Trajectory(Summarised):
         )
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         t = self.states.index
         return {
             "time": f"{t[0]:.1f} to {t[-1]:.1f} s, {len(t)} samples" if len(t) else "empty",

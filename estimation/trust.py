@@ -1,7 +1,8 @@
-"""Can a trajectory be believed: what the sensors say against it, as findings.
+"""Findings on whether a trajectory and its sensors can be trusted.
 
-Below a twentieth of readings refused a sensor is sound. Up to a fifth it has had a bad moment, which is said. Beyond,
-or where trajectory and a receiver of stated accuracy contradict each other, nobody knows which of the two is wrong.
+A sensor with less than 5 % of its readings refused is in order. Up to 20 % it is reported as doubtful. Beyond that, or
+where the trajectory contradicts the accuracy that a GPS receiver states, the trajectory is withdrawn, because which of
+the two is wrong is not known.
 """
 
 from collections.abc import Iterator, Mapping
@@ -24,45 +25,45 @@ from estimation.trajectory import POSITION_KNOWN
 from logparse import Finding, Geodetic, Severity, Tables
 from logparse.craft.vehicle import is_simulated
 
-#: Share of refused readings, and mean normalised innovation squared, beyond which a sensor is named.
+#: Share of refused readings, and mean normalised innovation squared, beyond which a sensor is reported.
 SUSPECT_SHARE, SUSPECT_NIS = 0.05, 2.0
-#: Share of refused readings beyond which the trajectory is as doubtful as the sensor.
+#: Share of refused readings beyond which the trajectory is withdrawn.
 DOUBTFUL_SHARE = 0.20
-#: A receiver is contradicted by what is further from it than so many times its stated accuracy, and the trajectory is
-#: doubtful where that holds for this share of its fixes.
+#: A fix is contradicted if the trajectory is further from it than so many times its stated accuracy; the trajectory is
+#: withdrawn if this share of fixes is contradicted.
 CONTRADICTION, CONTRADICTED_SHARE = 5.0, 0.10
-#: Accuracies below these are not believed, m and m/s. What a fix means between two rows is no better than the first and
-#: the last; a single-frequency receiver without corrections wanders by 2.5 m CEP (u-blox M8 data sheet), a 1-sigma of
-#: 2.1 m an axis, whatever it states, and over minutes: the trajectory is right not to follow.
+#: Lower bounds of stated accuracies, m and m/s: the first and last for interpolation between rows; the other because a
+#: single-frequency receiver without corrections wanders over minutes by 2.5 m CEP (u-blox M8 data sheet), 1-sigma
+#: 2.1 m per axis, whatever it states, and the trajectory is right not to follow.
 BEST_POSITION, BEST_SPEED = 0.5, 0.3
 BEST_UNCORRECTED = 2.1
 #: Fix types from which on the receiver measures phases against a base (RTK).
 CORRECTED = 5.0
-#: What no accelerometer (with its axes, units and scale right) and no gyro is off by, m/s^2 and rad/s.
-FARTHEST_ACCEL_BIAS, FARTHEST_GYRO_BIAS = 5.0, 0.5
-#: A sensor's clock that is further off than this is named, s: some hundredths are its driver's.
+#: Largest bias of an accelerometer (with axes, units and scale right), m/s^2, and of a gyro, rad/s.
+LARGEST_ACCEL_BIAS, LARGEST_GYRO_BIAS = 5.0, 0.5
+#: Lag beyond which a sensor is reported, s: some hundredths are its driver's.
 LATE = 0.25
 
-#: A compass whose hard iron walks by so much is named, T/sqrt(s): 6 uT in 100 s are 17 degrees of heading in a field of
-#: 20 uT, and thirty times what `SensorNoise` takes for a compass in order.
+#: Random walk of the hard iron from which on a compass is reported, T/sqrt(s): 6 uT in 100 s are 17 degrees of heading
+#: in a field of 20 uT, and thirty times the default of `SensorNoise`.
 WANDERING = 6e-7
 
-#: A receiver whose heights wander by so many times the accuracy that it states is named.
-SWINGING = 2.0
-#: A gyro whose scale is further off is named.
+#: Wander of GPS heights, over the stated accuracy, from which on a receiver is reported.
+HEIGHT_WANDER = 2.0
+#: Scale error from which on a gyro is reported.
 SCALE_OFF = 0.01
 
-#: No craft flies on after its velocity stepped by so much so many times, m/s: such steps are not of the craft.
+#: No craft flies on after its velocity stepped by so much, m/s, so many times: the steps are an error of the IMU.
 WRECKING_STEP, WRECKED = 5.0, 3
-#: Steps in more seconds than this share, four fifths of them over more than that share of a log, are no impacts: honest
-#: logs of chirps near instability have 5.1 % (methodic_quad15_roll40), those with axes exchanged 6 % and more.
+#: Steps in more than this share of a log's seconds, four fifths of them spread over more than the second share of it,
+#: are no impacts: sound logs of chirps near instability have 5.1 % (methodic_quad15_roll40), exchanged axes 6 % and up.
 STEPPING, SPREAD = 0.055, 0.2
 
-#: What sensors whose lag is looked for are called.
-CALLED: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
+#: Names of the sensors whose lag is estimated.
+SENSOR_NAMES: Mapping[str, str] = {"gps": "GPS", "gps2": "second GPS", "mag": "compass", "baro": "barometer"}
 
-#: What each sensor is called in a sentence.
-SPOKEN: Mapping[str, str] = {
+#: Names of the readings of each sensor.
+READING_NAMES: Mapping[str, str] = {
     "gps_position": "GPS positions",
     "gps_height": "GPS heights",
     "gps_velocity": "GPS velocities",
@@ -77,7 +78,7 @@ SPOKEN: Mapping[str, str] = {
 
 
 def doubtful_sensors(innovations: Mapping[str, SensorStatistics]) -> list[Finding]:
-    """Name every sensor that was refused, or disagrees, more than noise explains."""
+    """Report sensors that were refused often, or disagree by more than their noise."""
     findings, doubts = [], []
     for name, sensor in innovations.items():
         total = sensor["count"] + sensor["refused"]
@@ -85,7 +86,7 @@ def doubtful_sensors(innovations: Mapping[str, SensorStatistics]) -> list[Findin
         if share > SUSPECT_SHARE or nis > SUSPECT_NIS:
             findings.append(_suspect(name, share, nis))
         if share > DOUBTFUL_SHARE:
-            doubts.append(f"{share:.0%} of the {SPOKEN[name]}")
+            doubts.append(f"{share:.0%} of the {READING_NAMES[name]}")
     if doubts:
         findings.append(inconsistent(f"it had to refuse {' and '.join(doubts)}"))
     return findings
@@ -99,7 +100,7 @@ def _suspect(name: str, share: float, nis: float) -> Finding:
     )
     return warning(
         "sensor-doubtful",
-        f"{share:.0%} of the {SPOKEN[name]} were refused{others if fused else ''}.",
+        f"{share:.0%} of the {READING_NAMES[name]} were refused{others if fused else ''}.",
         "Look at that sensor: its mounting, cables, and what is switched on near it.",
         sensor=name,
         refused_share=share,
@@ -120,19 +121,19 @@ def inconsistent(why: str, evidence: Mapping[str, float] | None = None) -> Findi
 
 
 def impossible_biases(states: pd.DataFrame) -> Iterator[Finding]:
-    """Withdraw a trajectory that takes an IMU with wrong axes, units or scale, or its own heading, for a mere bias."""
-    for what, columns, farthest, unit in (
-        ("accelerometer", ["b_ax", "b_ay", "b_az"], FARTHEST_ACCEL_BIAS, "m/s²"),
-        ("gyro", ["b_gx", "b_gy", "b_gz"], FARTHEST_GYRO_BIAS, "rad/s"),
+    """Report biases that only wrong axes, units or scale of the IMU, or a wrong heading, explain."""
+    for what, columns, largest, unit in (
+        ("accelerometer", ["b_ax", "b_ay", "b_az"], LARGEST_ACCEL_BIAS, "m/s²"),
+        ("gyro", ["b_gx", "b_gy", "b_gz"], LARGEST_GYRO_BIAS, "rad/s"),
     ):
-        off = float(np.linalg.norm(states[columns].median()))
-        if off > farthest:
+        bias = float(np.linalg.norm(states[columns].median()))
+        if bias > largest:
             yield inconsistent(
-                f"they agree only if the {what} is off by {off:.2g} {unit}, as one with wrong axes, units or scale",
-                {"bias": off},
+                f"they agree only if the {what} is off by {bias:.2g} {unit}, as one with wrong axes, units or scale",
+                {"bias": bias},
             )
     if "b_mx" in states:
-        # Of a craft that flies level a wrong heading asks for up to twice the horizontal field.
+        # In level flight a wrong heading appears as a hard iron of up to twice the horizontal field.
         iron = float(np.median(np.linalg.norm(states[["b_mx", "b_my", "b_mz"]], axis=1)))
         level = float(np.median(np.hypot(states["m_n"], states["m_e"])))
         if iron > level:
@@ -169,12 +170,12 @@ def contradicted_receiver(
         ),
     ):
         stated = accuracy.to_numpy(float)
-        judged = known & np.isfinite(measured).all(axis=1) & np.isfinite(stated) & (stated > 0.0)
-        if np.count_nonzero(judged) < 20 or (what == "velocities" and not velocities):
+        compared = known & np.isfinite(measured).all(axis=1) & np.isfinite(stated) & (stated > 0.0)
+        if np.count_nonzero(compared) < 20 or (what == "velocities" and not velocities):
             continue
-        estimate = np.column_stack([np.interp(when[judged], t, states[c].to_numpy(float)) for c in columns])
-        distance = np.hypot(*(estimate - measured[judged]).T)
-        beyond = distance > CONTRADICTION * np.maximum(stated[judged], best[judged])
+        estimate = np.column_stack([np.interp(when[compared], t, states[c].to_numpy(float)) for c in columns])
+        distance = np.hypot(*(estimate - measured[compared]).T)
+        beyond = distance > CONTRADICTION * np.maximum(stated[compared], best[compared])
         share = float(beyond.mean())
         if share > CONTRADICTED_SHARE:
             unit = "m" if what == "positions" else "m/s"
@@ -186,12 +187,12 @@ def contradicted_receiver(
 
 
 def late_sensors(lags: Mapping[str, float]) -> Iterator[Finding]:
-    """Name sensors whose clock is off; their data are used at the times that were found."""
+    """Report sensors whose clock is off; their data are used at corrected times."""
     for sensor, lag in lags.items():
         if abs(lag) > LATE:
             yield warning(
                 "sensor-doubtful",
-                f"The {CALLED[sensor]} is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
+                f"The {SENSOR_NAMES[sensor]} is {abs(lag):.2f} s {'later' if lag > 0 else 'earlier'} "
                 "than its rows say, by the IMU's movement; its data are used at the times found.",
                 "Set GPS_DELAY_MS, and look at the receiver's rate and cable."
                 if sensor.startswith("gps")
@@ -202,8 +203,8 @@ def late_sensors(lags: Mapping[str, float]) -> Iterator[Finding]:
 
 
 def doubtful_settings(noise: SensorNoise, yaw_scale: float) -> Iterator[Finding]:
-    """Name sensors whose noise or scale, as the log itself shows them, are far from their class."""
-    if (share := noise.gps_height_share) >= SWINGING:
+    """Report sensors whose noise or scale, as estimated from the log, is unusual for their class."""
+    if (share := noise.gps_height_share) >= HEIGHT_WANDER:
         yield warning(
             "sensor-doubtful",
             f"The heights of the GPS swing by {share:.1f} times the accuracy that it states (or that of its class): "
@@ -234,7 +235,7 @@ def doubtful_settings(noise: SensorNoise, yaw_scale: float) -> Iterator[Finding]
 
 
 def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
-    """Name an IMU that missed steps of attitude or velocity which the other sensors saw."""
+    """Report steps of attitude or velocity that the other sensors measured and the IMU missed."""
     t, sizes = (np.concatenate(parts) for parts in zip(*(s.steps for s in shocks), strict=True))
     if t.size == 0:
         return []
@@ -252,12 +253,13 @@ def missed_steps(shocks: list[Shocks], length: float) -> list[Finding]:
         )
     ]
     steps = sizes[:, 1]
-    if np.count_nonzero(steps > WRECKING_STEP) >= WRECKED:
+    wrecking = int(np.count_nonzero(steps > WRECKING_STEP))
+    if wrecking >= WRECKED:
         findings.append(
             inconsistent(
-                f"at {np.count_nonzero(steps > WRECKING_STEP)} moments they agree only if velocity stepped by "
+                f"at {wrecking} moments they agree only if velocity stepped by "
                 f"{WRECKING_STEP:g} to {steps.max():.0f} m/s unseen by the IMU, after which no craft flies on",
-                {"steps": int(np.count_nonzero(steps > WRECKING_STEP)), "largest": float(steps.max())},
+                {"steps": wrecking, "largest": float(steps.max())},
             )
         )
     all_through = np.ptp(np.quantile(seconds, [0.1, 0.9])) > SPREAD * length
@@ -277,12 +279,12 @@ def only_one_withdrawal(findings: list[Finding]) -> list[Finding]:
     return [f for f in findings if f.id != "trajectory-inconsistent" or f is first]
 
 
-#: Refused fixes nearer to each other than this belong to one glitch, s.
+#: Longest time between refused fixes of one glitch, s.
 GLITCH_PAUSE = 2.0
 
 
 def missing_sensors(*, gps: bool, mag: bool, baro: bool) -> Iterator[Finding]:
-    """Report which aiding sensors are not there, each flag telling whether it is."""
+    """Report aiding sensors that were not logged; each flag is whether it was."""
     if not gps:
         reason = "No usable GPS fix: horizontal position and velocity drift freely and their sigmas grow accordingly."
         advice = "Log GPS and wait for a 3-D fix before take-off."
@@ -319,7 +321,7 @@ def imu_holes(pieces: list[pd.DataFrame]) -> Iterator[Finding]:
 
 
 def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> Iterator[Finding]:
-    """Report that another IMU than the first carries a segment, and by how much it is likelier (inf: the only one)."""
+    """Report that a segment uses another IMU than the first, with its gain of log-likelihood (inf: the only one)."""
     if imu == 0:
         return
     start, stop = float(piece.index[0]), float(piece.index[-1])
@@ -338,23 +340,23 @@ def other_imu(imu: int, gain: float, piece: pd.DataFrame) -> Iterator[Finding]:
 
 
 def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> list[Finding]:
-    """Report where GPS positions stayed away or were refused, in one segment."""
+    """Report outages and refused positions of the GPS in one segment."""
     o = segment.observations
-    mine = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
-    if mine.size == 0:
+    fixes = np.flatnonzero(o.kind == _kernels.GPS_POSITION)
+    if fixes.size == 0:
         return []
     findings = []
-    when = o.t[mine]
+    when = o.t[fixes]
     for before, after in pairwise([*when.tolist(), segment.stop]):
         rows = slice(*np.searchsorted(t, [before, after]))
         if after - before > LONGEST_SILENCE and t[rows].size:
             drift = np.sqrt(np.trace(covariance[rows, :2, :2, :2], axis1=2, axis2=3).max(axis=0))
             findings.append(_outage(before, after, *drift.tolist(), lost=after == segment.stop))
-    refused = np.flatnonzero(segment.inverse_variance[o.start[mine]] == 0.0)
+    refused = np.flatnonzero(segment.inverse_variance[o.start[fixes]] == 0.0)
     for run in np.split(refused, np.flatnonzero(np.diff(when[refused]) > GLITCH_PAUSE) + 1):
         if run.size < 2:
             continue
-        scalars = np.concatenate([np.arange(o.start[g], o.start[g + 1]) for g in mine[run]])
+        scalars = np.concatenate([np.arange(o.start[g], o.start[g + 1]) for g in fixes[run]])
         size = float(np.abs(segment.innovation[scalars]).max())
         start, stop = when[run[[0, -1]]].tolist()
         findings.append(
@@ -373,7 +375,7 @@ def gps_troubles(segment: Filtered, t: np.ndarray, covariance: np.ndarray) -> li
 
 
 def _outage(start: float, stop: float, position: float, velocity: float, *, lost: bool) -> Finding:
-    """Report a stretch without GPS positions, with the largest 1-sigma of what is horizontal there, m and m/s."""
+    """Report a time without GPS positions, with the largest horizontal 1-sigmas in it, m and m/s."""
     known = f"there the horizontal position is known to {position:.3g} m, velocity to {velocity:.2g} m/s (1-sigma)"
     silence = f"No GPS position for {stop - start:.0f} s from t = {start:.1f} s"
     return Finding(

@@ -66,7 +66,7 @@ class Inspection(Summarised):
     happened: tuple[str, ...] = ()  #: In each flight, a sentence; of those who have looked.
 
     def summary(self) -> dict[str, str]:
-        """Return the few facts by which a reader knows this log."""
+        """Return the key facts of this log."""
         told = {f"flight {number}": sentence for number, sentence in enumerate(self.happened, start=1)}
         tables = listed([table.name for table in self.tables])
         return {

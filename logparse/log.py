@@ -237,7 +237,7 @@ class FlightLog(Summarised):
         return self.boot.t_end - self.boot.t_start
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this log."""
+        """Return the key facts of this log."""
         craft = (self.vehicle.autopilot, self.vehicle.frame_class, self.vehicle.frame_type)
         flights = [f"{flight.start:.0f} to {flight.stop:.0f} s" for flight in self.flights]
         return {

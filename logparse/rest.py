@@ -1,4 +1,4 @@
-"""What the accelerometer reads at rest, which is gravity and nothing else where it is calibrated."""
+"""Accelerometer reading at rest, which is gravity alone if the sensor is calibrated."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -18,15 +18,15 @@ Array = npt.NDArray[np.float64]
 
 GYRO, ACCEL = ("gyro_x", "gyro_y", "gyro_z"), ("accel_x", "accel_y", "accel_z")
 
-#: Length of the stretches that are looked at [s], and how many of them at rest it takes.
-_STRETCH, _FEWEST = 1.0, 3
-#: Samples that a stretch must have.
+#: Length of a window [s], and fewest windows at rest.
+_WINDOW, _FEWEST = 1.0, 3
+#: Fewest samples in a window.
 _SAMPLES = 5
-#: Standard deviation [rad/s], and mean with the bias of an uncalibrated gyro [rad/s], of each rate at rest.
-_TURNING, _GYRO_BIAS = 0.05, 0.1
-#: Standard deviation of each acceleration at rest [m/s^2]: engines that idle shake by less than this.
-_SHAKING = 0.5
-#: Time around a flight that does not count [s].
+#: Largest standard deviation, and largest mean (bias of an uncalibrated gyro), of each rate at rest [rad/s].
+_GYRO_SIGMA, _GYRO_BIAS = 0.05, 0.1
+#: Largest standard deviation of each acceleration at rest [m/s^2]: idling engines shake by less than this.
+_ACCEL_SIGMA = 0.5
+#: Time before and after a flight that is left out [s].
 _MARGIN = 1.0
 #: Deviation [m/s^2] from gravity that is a fault: gravity itself varies by 0.03 over the Earth and calibrated sensors
 #: by 0.1; three percent of gravity are three percent of thrust.
@@ -35,7 +35,7 @@ _TOLERATED = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """Size of the mean specific force at rest [m/s^2], median over stretches, and how long that was seen [s]."""
+    """Magnitude of the mean specific force at rest [m/s^2], median over windows, and their total duration [s]."""
 
     specific_force: float
     seconds: float
@@ -46,14 +46,14 @@ def at_rest(tables: Tables, flights: Sequence["Flight"]) -> Rest | None:
     t = tables.times("imu")
     if t is None or len(t) < _SAMPLES:
         return None
-    number = np.floor((t - t[0]) / _STRETCH).astype(np.int64)
-    first = np.flatnonzero(np.diff(number, prepend=-1))
+    window = np.floor((t - t[0]) / _WINDOW).astype(np.int64)
+    first = np.flatnonzero(np.diff(window, prepend=-1))
     count = np.diff(np.append(first, len(t))).astype(np.float64)
     still = count >= _SAMPLES
     for flight in flights:
         start, stop = flight.start - _MARGIN, flight.stop + _MARGIN
-        still &= (t[first] + _STRETCH < start) | (t[first] > stop)
-    # What is flown is not looked at, and that is most of a log.
+        still &= (t[first] + _WINDOW < start) | (t[first] > stop)
+    # Most of a log is flight, whose rows are not computed.
     rows = np.repeat(still, count.astype(int))
     count = count[still]
     if len(count) < _FEWEST:
@@ -63,24 +63,20 @@ def at_rest(tables: Tables, flights: Sequence["Flight"]) -> Rest | None:
     for name, values in zip((*GYRO, *ACCEL), tables.columns("imu", (*GYRO, *ACCEL)), strict=True):
         series = values.to_numpy(np.float64)[rows]
         mean = np.add.reduceat(series, first) / count
-        spread = np.sqrt(
-            np.maximum(np.add.reduceat((series - np.repeat(mean, count.astype(int))) ** 2, first) / count, 0)
-        )
+        sigma = np.sqrt(np.add.reduceat((series - np.repeat(mean, count.astype(int))) ** 2, first) / count)
         with np.errstate(invalid="ignore"):
             if name in GYRO:
-                still &= (spread < _TURNING) & (np.abs(mean) < _GYRO_BIAS)
+                still &= (sigma < _GYRO_SIGMA) & (np.abs(mean) < _GYRO_BIAS)
             else:
-                still &= spread < _SHAKING
-        force += mean**2
-        if name == GYRO[-1]:
-            force[:] = 0.0
+                still &= sigma < _ACCEL_SIGMA
+                force += mean**2
     if int(still.sum()) < _FEWEST:
         return None
-    return Rest(float(np.median(np.sqrt(force[still]))), float(still.sum()) * _STRETCH)
+    return Rest(float(np.median(np.sqrt(force[still]))), float(still.sum()) * _WINDOW)
 
 
 def calibration(rest: Rest | None, parameters: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Judge the accelerometer's calibration by what it reads at rest."""
+    """Check the accelerometer's calibration by its reading at rest."""
     if rest is None or abs(rest.specific_force - STANDARD_GRAVITY) <= _TOLERATED:
         return ()
     offsets = [parameters.get(f"INS_ACCOFFS_{axis}") for axis in "XYZ"]

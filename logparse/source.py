@@ -82,14 +82,8 @@ def clean_text(raw: bytes) -> str:
 
 
 COPY_AGAIN = "Copy the log again; when it comes out the same, what wrote it failed: the card, the link or the disk."
-#: Names that are listed, and bytes of the longest message of any format, a signed frame of MAVLink 2 with its time.
-_NAMED, _LONGEST = 8, 288
-
-
-def listed(names: Iterable[object]) -> str:
-    """Write the first of some names, and three points for the others."""
-    texts = [str(name) for name in names]
-    return ", ".join(texts[:_NAMED]) + (" ..." if len(texts) > _NAMED else "")
+#: Bytes of the longest message of any format, a signed frame of MAVLink 2 with its time.
+_LONGEST = 288
 
 
 def behind_the_end(data: npt.NDArray[Any], start: int, whole: str, *, cut_short: bool) -> Finding:

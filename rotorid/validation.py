@@ -49,7 +49,7 @@ class Comparison(Summarised):
         return WholeTable(pd.DataFrame(rows).set_index(["model", "output"]))
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             validation.model: ", ".join(f"{output} {rmse:.3g}" for output, rmse in validation.average.items())
             + (

@@ -7,7 +7,8 @@ import numpy as np
 
 from core.findings import Finding, Severity, info, warning
 from core.quantity import counted
-from logparse.source import COPY_AGAIN, behind_the_end, listed, misplaced_blocks, several_boots
+from core.summary import listed
+from logparse.source import COPY_AGAIN, behind_the_end, misplaced_blocks, several_boots
 
 if TYPE_CHECKING:
     from logparse.dataflash.chain import Chain

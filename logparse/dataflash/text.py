@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from core.errors import LogError
 from core.findings import Finding, warning
+from core.summary import listed
 from logparse.containers import Buffer
 from logparse.dataflash.binary import DataflashSource
 from logparse.dataflash.format import (
@@ -29,7 +30,6 @@ from logparse.dataflash.format import (
     boot_clock,
 )
 from logparse.dataflash.writer import MessageLayout, interleaved
-from logparse.source import listed
 
 _FMT_LINE = re.compile(rb"^\s*FMT\s*,\s*\d+\s*,\s*\d+\s*,\s*\w+\s*,", re.MULTILINE)
 _SEPARATOR = re.compile(r"[,\s]\s*")

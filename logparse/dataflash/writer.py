@@ -1,7 +1,7 @@
 """Write DataFlash binary logs as ArduPilot does, for simulated flights and for tests.
 
-Values go in as the reader gives them back: scaled to the units that the definition states, the time column as the
-integer that the file holds. ``GPS.Lat`` of format ``L`` is in degrees, ``MAG.MagX`` of format ``h`` and multiplier
+Values are given as the reader returns them: in the units that the definition states, the time column as the integer
+of the file. ``GPS.Lat`` of format ``L`` is in degrees, ``MAG.MagX`` of format ``h`` and multiplier
 ``C`` in Gauss.
 """
 
@@ -32,12 +32,12 @@ from logparse.dataflash.format import (
 
 _LAST_ID = 254
 
-#: Rows that a table of `write_dataflash` consists of: name, format, unit ids, multiplier ids, columns.
+#: One message for `write_dataflash`: name, format, unit ids, multiplier ids, table.
 MessageTable = tuple[str, str, str, str, pd.DataFrame]
 
 
 class MessageLayout:
-    """One defined message: how its columns become the bytes of its rows."""
+    """Packs the columns of one message into the bytes of its rows."""
 
     def __init__(self, definition: Definition, multipliers: str):
         self.definition = definition
@@ -49,19 +49,19 @@ class MessageLayout:
         self.dtype = np.dtype({"names": names, "formats": formats})
         self.scales: list[tuple[float, float]] = []
         for k, field in enumerate(self.fields):
-            # A legacy character already carries its scale; its multiplier only repeats it.
-            stated = MULTIPLIERS.get(multipliers[k], 0.0) if k < len(multipliers) else 0.0
+            # A legacy format character already implies its scale; the multiplier only repeats it.
+            multiplier = MULTIPLIERS.get(multipliers[k], 0.0) if k < len(multipliers) else 0.0
             if field.type.divisor != 1:
                 self.scales.append((1.0, float(field.type.divisor)))
-            elif stated in (0.0, 1.0) or field.type.is_text or field.name in TIME_COLUMNS:
+            elif multiplier in (0.0, 1.0) or field.type.is_text or field.name in TIME_COLUMNS:
                 self.scales.append((1.0, 1.0))
-            elif stated < 1.0:
-                self.scales.append((1.0, float(round(1.0 / stated))))
+            elif multiplier < 1.0:
+                self.scales.append((1.0, float(round(1.0 / multiplier))))
             else:
-                self.scales.append((stated, 1.0))
+                self.scales.append((multiplier, 1.0))
 
     def pack(self, columns: Mapping[str, Any], rows: int) -> npt.NDArray[np.uint8]:
-        """Rows as bytes, shape (rows, length of the message)."""
+        """Return rows as bytes, shape (rows, length of the message)."""
         records = np.zeros(rows, self.dtype)
         raw = records.view(np.uint8).reshape(rows, self.dtype.itemsize)
         raw[:, :HEADER_LENGTH] = np.frombuffer(HEADER + bytes((self.definition.id,)), np.uint8)
@@ -69,14 +69,14 @@ class MessageLayout:
             if field.name not in columns:
                 raise ValueError(f"{self.definition.name}: column {field.name} is missing")
             try:
-                records[f"f{k}"] = _stored(columns[field.name], field, *self.scales[k])
+                records[f"f{k}"] = _encode(columns[field.name], field, *self.scales[k])
             except (TypeError, ValueError, OverflowError) as error:
                 raise ValueError(f"{self.definition.name}.{field.name} (format {field.char}): {error}") from error
         return raw
 
 
 class DataflashWriter:
-    """Writes messages to a binary stream; FMT, UNIT, MULT and FMTU rows are written on their own."""
+    """Writes messages to a binary stream; FMT, UNIT, MULT and FMTU rows are added automatically."""
 
     def __init__(self, stream: BinaryIO, start_us: int = 0):
         self._stream = stream
@@ -102,13 +102,13 @@ class DataflashWriter:
     def define(
         self,
         name: str,
-        format: str,  # noqa: A002 - the field's own word
+        format: str,  # noqa: A002 - ArduPilot's term
         columns: str | Sequence[str],
         units: str = "",
         multipliers: str = "",
         id: int | None = None,  # noqa: A002
     ) -> None:
-        """Declare a message; needed once, before its first row."""
+        """Define a message, once, before its first row."""
         labels = columns.split(",") if isinstance(columns, str) else list(columns)
         self._declare(self._definition(name, format, labels, id), multipliers)
         if units or multipliers:
@@ -124,16 +124,13 @@ class DataflashWriter:
         self._write_rows(layout, layout.pack(columns, 1))
 
     def write_table(self, name: str, columns: Mapping[str, npt.ArrayLike]) -> None:
-        """Write many rows, in the order given; every field of the message must be among the columns."""
+        """Write rows in the order given; `columns` must have every field of the message."""
         layout = self._layouts[name]
         rows = len(np.asarray(next(iter(columns.values()))))
         self._write_rows(layout, layout.pack(columns, rows))
 
     def write_interleaved(self, tables: Iterable[tuple[str, npt.ArrayLike, Mapping[str, npt.ArrayLike]]]) -> None:
-        """Write tables of (name, time [s], columns) as one stream of rows ordered by time, as an autopilot does.
-
-        Rows of equal time keep the order of the tables, and rows of one table their own.
-        """
+        """Write tables of (name, time [s], columns) as one stream ordered by time; ties keep the order given."""
         packed: list[npt.NDArray[np.uint8]] = []
         times: list[npt.NDArray[np.float64]] = []
         for name, time, columns in tables:
@@ -146,7 +143,7 @@ class DataflashWriter:
         last = max((float(t.max()) for t in times if len(t)), default=0.0)
         self._time_us = max(self._time_us, round(last * 1e6))
 
-    def _definition(self, name: str, form: str, labels: Sequence[str], wanted: int | None) -> Definition:
+    def _definition(self, name: str, form: str, labels: Sequence[str], message_id: int | None) -> Definition:
         if not 0 < len(name.encode("ascii")) <= LONGEST_NAME:
             raise ValueError(f"a message name has one to four characters, not {name!r}")
         unknown = set(form) - set(FIELD_TYPES)
@@ -159,15 +156,15 @@ class DataflashWriter:
         length = HEADER_LENGTH + sum(FIELD_TYPES[char].size for char in form)
         if length > LONGEST_MESSAGE:
             raise ValueError(f"{name}: a message has at most {LONGEST_MESSAGE} bytes, this has {length}")
-        if wanted is None:
+        if message_id is None:
             # Ids above FMT's first, as ArduPilot numbers its common messages, then those below.
             free = (k for k in (*range(FMT_ID + 1, _LAST_ID + 1), *range(FMT_ID)) if k not in self._ids)
-            wanted = next(free, None)
-            if wanted is None:
+            message_id = next(free, None)
+            if message_id is None:
                 raise ValueError("all message ids are taken")
-        elif not 0 <= wanted <= LONGEST_MESSAGE or wanted == FMT_ID:
-            raise ValueError(f"{name}: {wanted} cannot be the id of a message")
-        return Definition(wanted, length, name, form, tuple(labels))
+        elif not 0 <= message_id <= LONGEST_MESSAGE or message_id == FMT_ID:
+            raise ValueError(f"{name}: {message_id} cannot be the id of a message")
+        return Definition(message_id, length, name, form, tuple(labels))
 
     def _declare(self, definition: Definition, multipliers: str) -> None:
         self._layouts[definition.name] = MessageLayout(definition, multipliers)
@@ -184,9 +181,9 @@ class DataflashWriter:
 
 
 def interleaved(packed: Sequence[npt.NDArray[np.uint8]], keys: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.uint8]:
-    """Return the rows of several messages as one stream in the order of their keys, those of one key as they come.
+    """Return the rows of several messages as one stream, sorted stably by their keys.
 
-    Shapes: each of `packed` (rows, bytes of the message), of `keys` (rows,); of the result (bytes of all,).
+    Shapes: each of `packed` (rows, bytes of the message), of `keys` (rows,); of the result (total bytes,).
     """
     lengths = np.concatenate([np.full(len(raw), raw.shape[1], np.int64) for raw in packed])
     order = np.argsort(np.concatenate(keys), kind="stable")
@@ -225,14 +222,14 @@ def write_dataflash(path: str | Path, messages: Iterable[MessageTable]) -> None:
         writer.write_interleaved(tables)
 
 
-def _stored(values: npt.ArrayLike, field: Field, factor: float, divisor: float) -> npt.NDArray[Any]:
-    """Values as the file holds them: unscaled, rounded to the nearest integer where the field is one."""
+def _encode(values: npt.ArrayLike, field: Field, factor: float, divisor: float) -> npt.NDArray[Any]:
+    """Return values as stored in the file: unscaled, and rounded to integers for integer fields."""
     kind = field.type
     if kind.is_text:
-        return _stored_text(values, kind.dtype)
+        return _encode_text(values, kind.dtype)
     array = np.asarray(values)
     if array.dtype.kind == "f" and not isinstance(values, np.ndarray):
-        # numpy makes floats of a list of large and small integers; those would lose their last digits.
+        # numpy turns a list of large and small integers into floats, which lose the last digits.
         exact = np.array(values, dtype=object)
         if all(isinstance(value, int | np.integer) for value in exact):
             array = exact
@@ -252,7 +249,7 @@ def _stored(values: npt.ArrayLike, field: Field, factor: float, divisor: float) 
             raise ValueError("an integer field cannot hold NaN or infinity")
         array = np.rint(array)
     limits = np.iinfo(kind.dtype)
-    # Compared as Python integers: a float above 2**63 or an unsigned one must not be rounded into range.
+    # Compared as Python integers, because a float above 2**63 could be rounded into range.
     if array.size and (int(array.min()) < limits.min or int(array.max()) > limits.max):
         raise ValueError(
             f"values reach from {array.min()} to {array.max()}, the field from {limits.min} to {limits.max}"
@@ -260,7 +257,7 @@ def _stored(values: npt.ArrayLike, field: Field, factor: float, divisor: float) 
     return array.astype(kind.dtype)
 
 
-def _stored_text(values: npt.ArrayLike, dtype: np.dtype) -> npt.NDArray[Any]:
+def _encode_text(values: npt.ArrayLike, dtype: np.dtype) -> npt.NDArray[Any]:
     encoded = [v if isinstance(v, bytes) else str(v).encode() for v in np.asarray(values, object)]
     longest = max(map(len, encoded), default=0)
     if longest > dtype.itemsize:

@@ -1,9 +1,8 @@
-"""What MAVLink messages look like on the wire, taken from pymavlink's ArduPilot dialect.
+"""Wire layout of MAVLink messages, from pymavlink's ArduPilot dialect.
 
 The dialect ``ardupilotmega`` contains ``common``; both the reader (`tlog`) and the writer (`writer`) work from it.
 """
 
-import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -11,6 +10,11 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+
+from core.lazy import lazy
+
+#: pymavlink's generated module, which takes 0.3 s to import.
+pymavlink_dialect = lazy("pymavlink.dialects.v20.ardupilotmega")
 
 _NUMPY_CODES = MappingProxyType(
     {
@@ -34,31 +38,25 @@ class MessageDefinition:
 
     name: str  #: MAVLink name, such as ``"ATTITUDE"``.
     id: int  #: Message id.
-    crc_extra: int  #: Seed that the definition adds to each frame's checksum.
+    crc_extra: int  #: CRC_EXTRA: the seed that the definition adds to each frame's checksum.
     #: Packed structured dtype of a payload that is not truncated, fields in wire order. Arrays are subarrays; ``char``
     #: arrays are byte strings (``S``).
     wire: np.dtype[Any]
     fields: tuple[str, ...]  #: Field names in the order of the definition.
-    units: Mapping[str, str]  #: Unit of each field that has one, as the definition says it.
+    units: Mapping[str, str]  #: Unit of each field that has one, as the definition writes it.
 
-    def place(self, field: str) -> tuple[np.dtype[Any], int]:
-        """Dtype of a field and where it begins in the payload."""
-        places: Any = self.wire.fields
-        dtype, offset = places[field][:2]
+    def dtype_and_offset(self, field: str) -> tuple[np.dtype[Any], int]:
+        """Return the dtype of a field and its byte offset in the payload."""
+        fields: Any = self.wire.fields
+        dtype, offset = fields[field][:2]
         return dtype, offset
 
 
 @cache
-def pymavlink_dialect() -> Any:
-    """Import pymavlink's generated module; it takes 0.3 s, so only those who need it pay."""
-    return importlib.import_module("pymavlink.dialects.v20.ardupilotmega")
-
-
-@cache
 def definitions() -> Mapping[str, MessageDefinition]:
-    """List all messages of the dialect by name."""
-    found = (_definition(message) for message in pymavlink_dialect().mavlink_map.values())
-    return MappingProxyType({definition.name: definition for definition in found})
+    """Return all messages of the dialect by name."""
+    messages = pymavlink_dialect.mavlink_map.values()
+    return MappingProxyType({message.msgname: _definition(message) for message in messages})
 
 
 def _definition(message: Any) -> MessageDefinition:

@@ -5,10 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from core.findings import Finding, info, warning
+from core.summary import listed
 from logparse.mavlink import _decode
 from logparse.mavlink.clock import BootClock
 from logparse.mavlink.scan import Scan, dialect_arrays
-from logparse.source import COPY_AGAIN, behind_the_end, listed, misplaced_blocks, several_boots
+from logparse.source import COPY_AGAIN, behind_the_end, misplaced_blocks, several_boots
 
 #: So many frames of a message with a wrong checksum, and hardly one with a right one, come from another definition.
 _FOREIGN = 10

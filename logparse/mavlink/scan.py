@@ -48,7 +48,7 @@ def dialect_arrays() -> DialectArrays:
             ("time_usec", "<u8", _decode.CLOCK_US64),
         ):
             if clock[slot, 0] == _decode.CLOCK_NONE and name in message.fields:
-                field_dtype, offset = message.place(name)
+                field_dtype, offset = message.dtype_and_offset(name)
                 if field_dtype == dtype:
                     clock[slot] = kind, offset
                     if kind == _decode.CLOCK_BOOT_MS:

@@ -54,7 +54,7 @@ def _columns(name: str) -> tuple[_Column, ...]:
     definition = definitions()[name]
     columns = []
     for field in definition.fields:
-        dtype, offset = definition.place(field)
+        dtype, offset = definition.dtype_and_offset(field)
         if dtype.shape:
             base = dtype.base
             columns += [_Column(f"{field}[{k}]", offset + k * base.itemsize, base) for k in range(dtype.shape[0])]

@@ -60,7 +60,7 @@ class TlogWriter:
         systems: Iterable[int],
         components: Iterable[int],
     ) -> None:
-        dialect = pymavlink_dialect()
+        dialect = pymavlink_dialect
         message_class = dialect.mavlink_map[definition.id]
         wire_names = definition.wire.names or ()
         order = [wire_names.index(name) for name in definition.fields]

@@ -72,7 +72,7 @@ class Craft(Summarised):
     parameters: pd.DataFrame
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this craft."""
+        """Return the key facts of this craft."""
         known = self.parameters.index[self.parameters["value"].notna()].unique().tolist()
         return {
             "craft": self.name,
@@ -111,7 +111,7 @@ class FleetResult(Summarised):
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent on logs and on crafts in this run.
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "flights": f"{len(self.flights)}: {listed([flight.name for flight in self.flights])}",
             "craft with several flights": listed([group.name for group in self.groups]) or "none",

@@ -51,7 +51,7 @@ class GroupResult(Summarised):
     models: tuple[ModelResult, ...] = ()  #: Side by side, fitted to the training flights and judged on the others.
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "craft": self.report.name,
             "training": listed(self.report.training),

@@ -93,7 +93,7 @@ class ModelResult(Summarised):
         return self.report.title
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         judged = present(self.validation)
         fitted = "fitted" if self.validation is None else "fitted and validated"
         summary = {"model": self.title, "is": self.report.missing or fitted}
@@ -150,7 +150,7 @@ class FlightResult(Summarised):
     timings: Mapping[str, float] = field(default_factory=dict)  #: Seconds spent in each stage.
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         flown = "none" if isinstance(self.flight, Failure) else f"{self.flight.duration:.0f} s"
         return {
             "log": f"{self.name} ({self.log.format}, {self.log.duration_s or 0.0:.0f} s)",

@@ -85,7 +85,7 @@ class Experiment(Summarised):
         return partial(Experiment, **kept), ()
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "name": self.name,
             "time": f"{self.t[0]:.1f} to {self.t[-1]:.1f} s, {len(self.t)} samples at {self.rate:.4g} Hz",

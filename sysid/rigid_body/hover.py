@@ -48,7 +48,7 @@ class HoverModel(Summarised):
         object.__setattr__(self, "controllable", controllable)
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {"inputs": f"{listed(self.inputs, 8)} ({self.input_unit})", "states": "roll, pitch, p, q, r"}
 
 

@@ -100,7 +100,7 @@ class RigidBodyModel(Summarised):
     followed: Mapping[str, tuple[BodyMotion, Carried]] = field(default_factory=dict, repr=False, compare=False)
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         known = [f"{name} {uncertain(p.value, p.sigma)}" for name, p in self.parameters.items() if p.determined]
         unknown = [name for name, p in self.parameters.items() if not p.determined]
         return {

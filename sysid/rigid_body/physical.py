@@ -107,7 +107,7 @@ class PhysicalParameters(Summarised):
     findings: tuple[Finding, ...] = ()  #: Where methods disagree.
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         known = self.table["value"].notna()
         return {
             "parameters": listed(

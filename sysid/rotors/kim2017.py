@@ -95,7 +95,7 @@ class Kim2017Model(Summarised):
     bench: Mapping[str, float] = field(default_factory=dict)
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "name": self.name,
             "thrust over mass of one motor": uncertain(self.common.per_mass, self.common.sigma),

@@ -69,7 +69,7 @@ class Refinement2020Model(Summarised):
     findings: tuple[Finding, ...]  #: What of craft, air and battery is assumed; what is not determined has its reason.
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "name": self.name,
             **{name: uncertain(estimate.value, estimate.sigma) for name, estimate in self.stacked.items()},

@@ -54,7 +54,7 @@ class ThrustModel(Summarised):
     findings: tuple[Finding, ...]
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         thrust = uncertain(self.common.per_mass, self.common.sigma, self.units["per_mass"])
         return {
             "name": self.name,

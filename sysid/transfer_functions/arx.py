@@ -63,7 +63,7 @@ class ArxModel(Summarised):
     findings: tuple[Finding, ...] = ()
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "name": self.name,
             "inputs": listed(self.input_names, 8),

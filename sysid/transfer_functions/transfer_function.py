@@ -90,7 +90,7 @@ class TransferFunction(Summarised):
     delay_std: float = 0.0  #: Its standard deviation, s; 0 when it was given.
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "numerator": " ".join(f"{value:.4g}" for value in self.num),
             "denominator": " ".join(f"{value:.4g}" for value in self.den),
@@ -270,7 +270,7 @@ class FunctionsModel(Summarised):
     findings: tuple[Finding, ...] = ()
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "name": self.name,
             "inputs": listed(self.input_names, 8),
@@ -318,7 +318,7 @@ class TransferFunctionModel(FunctionsModel):
     input_trim: Mapping[str, float] = field(default_factory=dict)
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         order = f"{self.poles} poles, {self.zeros} zeros, {self.structure.replace('_', ' ')} denominators"
         return {**FunctionsModel.summary(self), "order": order}
 

@@ -96,7 +96,7 @@ class Validation(Summarised):
     inside: Mapping[str, Floats] = field(default_factory=dict)
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "model": self.model,
             "held-out flights": str(self.table.loc[~self.table["trained"], "flight"].nunique()),

@@ -75,7 +75,7 @@ class OrderScan(Summarised):
     findings: tuple[Finding, ...] = field(default=())
 
     def summary(self) -> Mapping[str, str]:
-        """Return the few facts by which a reader knows this result."""
+        """Return the key facts of this result."""
         return {
             "recommended": "none" if self.recommended is None else "{} poles, {} zeros".format(*self.recommended),
             "why": self.reason,

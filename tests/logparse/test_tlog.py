@@ -62,7 +62,7 @@ def findings(source):
 
 
 def frame_v1(name, seq=0, system=1, component=1, **fields):
-    dialect = pymavlink_dialect()
+    dialect = pymavlink_dialect
     link = dialect.MAVLink(None, srcSystem=system, srcComponent=component)
     link.seq = seq
     definition = definitions()[name]
@@ -79,7 +79,7 @@ def random_table(name, rows, seed):
     columns = {}
     definition = definitions()[name]
     for field in definition.fields:
-        dtype, _ = definition.place(field)
+        dtype, _ = definition.dtype_and_offset(field)
         if dtype.kind == "S":
             letters = rng.integers(33, 127, (rows, dtype.itemsize), np.uint8)
             letters[np.arange(dtype.itemsize) >= rng.integers(0, dtype.itemsize + 1, rows)[:, None]] = 0
@@ -123,7 +123,7 @@ def test_checksums_of_every_length():
 
 
 def check_payload_of(size, version, prefix):
-    dialect = pymavlink_dialect()
+    dialect = pymavlink_dialect
     definition = definitions()["ENCAPSULATED_DATA"]
     payload = bytes(np.random.default_rng(size).integers(1, 256, size, np.uint8))
     head = bytes([size, 0, 0, 7, 1, 1]) + definition.id.to_bytes(3, "little")
@@ -144,7 +144,7 @@ def check_payload_of(size, version, prefix):
 
 def test_versions_signatures_and_unknown_messages_side_by_side():
     stamp = struct.pack(">Q", UTC_US)
-    dialect = pymavlink_dialect()
+    dialect = pymavlink_dialect
     link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     link.signing.secret_key, link.signing.sign_outgoing = bytes(32), True
     signed = dialect.MAVLink_attitude_message(2000, 0.5, 0, 0, 0, 0, 0).pack(link)
@@ -439,7 +439,7 @@ def test_a_cut_tail_and_unused_storage_are_told_apart():
 def test_messages_of_another_dialect_are_named():
     stamp = struct.pack(">Q", UTC_US)
     body = bytes([9, 0, 1, 1, definitions()["RADIO"].id]) + bytes(9)
-    foreign = b"\xfe" + body + struct.pack("<H", pymavlink_dialect().x25crc(body + b"\x99").crc)
+    foreign = b"\xfe" + body + struct.pack("<H", pymavlink_dialect.x25crc(body + b"\x99").crc)
     data = Flight().fly(10, 20).data
     source = TlogSource(data + (stamp + foreign) * 20 + Flight().fly(20, 30).data)
     assert source.counts(whole(source))["ATTITUDE"] == 80

@@ -18,7 +18,7 @@ UTC_US = 1_700_000_000_000_000
 
 def build_log(frames=60):
     """Build records with a serial number in the payload: either version, some signed, some of an unknown message."""
-    dialect = pymavlink_dialect()
+    dialect = pymavlink_dialect
     plain = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     signing = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     signing.signing.secret_key, signing.signing.sign_outgoing = bytes(32), True

@@ -55,9 +55,9 @@ def pair(request):
     rows = defaultdict(list)
     for mark in ours:
         message = messages.get(mark)
-        if not isinstance(message, pymavlink_dialect().MAVLink_message):  # of version 1 it leaves out later fields
+        if not isinstance(message, pymavlink_dialect.MAVLink_message):  # of version 1 it leaves out later fields
             frame = data[mark : mark + data[mark + 1] + 8] if message is None else message.get_msgbuf()
-            message = pymavlink_dialect().MAVLink(None).decode(bytearray(frame))
+            message = pymavlink_dialect.MAVLink(None).decode(bytearray(frame))
         name = message.get_type()
         values = [getattr(message, field) for field in definitions()[name].fields]
         rows[name].append((message.get_srcSystem(), message.get_srcComponent(), *values))

@@ -73,7 +73,7 @@ def written_and_expected(name):
     stream = io.BytesIO()
     TlogWriter(stream).write(5, name, **fields)
 
-    dialect = pymavlink_dialect()
+    dialect = pymavlink_dialect
     link = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
     values = dict(zip(definition.wire.names, record.tolist()[0], strict=True))
     expected = dialect.mavlink_map[definition.id](*(values[field] for field in definition.fields)).pack(link)
