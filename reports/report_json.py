@@ -1,4 +1,4 @@
-"""report.json as `rotorid analyze` wrote it, and its JSON Schema: made from types and what is said beside fields."""
+"""Reading of report.json, and its JSON Schema, made from the types and the ``#:`` comments of their fields."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ else:
 
 def schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of ``report.json`` or ``models.json``, by its name without the ending."""
-    held = (FlightReport, CraftReport, FleetReport, table_analysis.TablesReport) if name == "report" else (ModelsFile,)
+    roots = (FlightReport, CraftReport, FleetReport, table_analysis.TablesReport) if name == "report" else (ModelsFile,)
     kinds, parts = msgspec.json.schema_components(
-        held, ref_template="#/$defs/{name}", schema_hook=lambda kind: {"description": "Anything."}
+        roots, ref_template="#/$defs/{name}", schema_hook=lambda kind: {"description": "Anything."}
     )
     classes: dict[str, type] = {}
-    for kind in held:
+    for kind in roots:
         _gather(kind, classes)
     for title, part in parts.items():
         if "properties" not in part:
@@ -51,7 +51,7 @@ def schema(name: str) -> dict[str, Any]:
 
 
 def _gather(kind: Any, classes: dict[str, type]) -> None:
-    """Collect the classes that a type is made of."""
+    """Collect a type's classes by name."""
     for part in typing.get_args(kind):
         _gather(part, classes)
     if inspect.isclass(kind) and hasattr(kind, "__annotations__") and kind.__name__ not in classes:
@@ -61,7 +61,7 @@ def _gather(kind: Any, classes: dict[str, type]) -> None:
 
 
 def _comments(kind: type) -> dict[str, str]:
-    """Return what is said of the fields of a class: ``#:`` above a field, or behind it."""
+    """Return the comments of a class's fields: ``#:`` above or behind each."""
     comments: dict[str, str] = {}
     for base in reversed(kind.__mro__):
         above: list[str] = []
@@ -77,7 +77,7 @@ def _comments(kind: type) -> dict[str, str]:
     return comments
 
 
-#: Packages of our own.
+#: Packages whose classes have such comments.
 _OWN = ("core", "logparse", "pipeline", "sysid")
 
 
@@ -85,7 +85,7 @@ _KINDS: dict[object, type[FlightReport] | type[FleetReport]] = {"flight": Flight
 
 
 def read_report(path: str | Path) -> FlightReport | FleetReport:
-    """Read a report.json, or that of a folder; ConfigError without one, or if damaged or of another version."""
+    """Read a report.json or that of a folder; ConfigError if missing, damaged or of another version."""
     path = Path(path)
     file = path / "report.json" if path.is_dir() else path
     try:
@@ -95,7 +95,7 @@ def read_report(path: str | Path) -> FlightReport | FleetReport:
 
 
 def parse_report(content: bytes, name: str = "report.json") -> FlightReport | FleetReport:
-    """Read the text of a report.json; ConfigError where it is none of this version, calling it by its name."""
+    """Parse the text of a report.json; ConfigError, with `name` in it, if damaged or of another version."""
     try:
         return report_of(json.loads(content), name)
     except (ValueError, RecursionError) as error:  # the latter: nested too deep
@@ -103,7 +103,7 @@ def parse_report(content: bytes, name: str = "report.json") -> FlightReport | Fl
 
 
 def report_of(facts: Any, name: str) -> FlightReport | FleetReport:
-    """Make the report of what its JSON holds; ConfigError where it is of another version, calling it by its name."""
+    """Convert decoded JSON to a report; ConfigError, with `name` in it, if of another version."""
     kind = facts.get("kind") if isinstance(facts, dict) else None
     if kind not in _KINDS:
         what = "of rotorid" if kind is None else f"of a flight or a folder of flights, but of kind {kind!r}"

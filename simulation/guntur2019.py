@@ -1,4 +1,4 @@
-"""The agricultural quadcopter of Guntur 2019: five motors, five payloads, and which motor can carry out the plan.
+"""The agricultural quadcopter of Guntur 2019: five motors, five payloads, and which motor can fly the plan.
 
 X frame; rotor 1 front right, 2 rear left, 3 front left, 4 rear right, as the thesis' listing places them. Rotor speeds
 are commanded open loop. Units here are SI; the thesis writes turns per minute.
@@ -30,7 +30,7 @@ ARM = 0.2
 
 @dataclass(frozen=True, slots=True)
 class PropulsionUnit:
-    """A motor of table 3.1 and the craft that carries four of it (section 4.1.2)."""
+    """A motor of table 3.1 and the craft with four of them (section 4.1.2)."""
 
     name: str
     kv: float  #: Speed per voltage without load, rad/s/V.
@@ -65,7 +65,7 @@ def find(name: str) -> PropulsionUnit:
 
 
 def mass_properties(motor: PropulsionUnit, payload: float) -> tuple[float, np.ndarray]:
-    """Mass [kg] and inertia (3, 3) [kg m^2] with a share `payload` of the tank, linear between the thesis' five."""
+    """Interpolate mass [kg] and inertia (3, 3) [kg m^2] at `payload`, a share of the tank."""
     if not 0.0 <= payload <= 1.0:
         raise ParameterError(f"payload {payload:g} must lie in 0..1, the share of the full tank of 1 kg")
     shares = PAYLOADS[::-1]
@@ -75,10 +75,10 @@ def mass_properties(motor: PropulsionUnit, payload: float) -> tuple[float, np.nd
 
 
 def tank(motor: PropulsionUnit, payload: float, rate: float, start: float) -> Tank:
-    """Empty the tank from `start` [s] on, `rate` [share of the full tank per s], until nothing is left.
+    """Return a tank that empties from `start` [s] on at `rate` [share of the full tank per s].
 
-    The thesis varies the payload from flight to flight and leaves the discharge in flight to further work; it assumes
-    as is done here that what flows out takes no momentum along.
+    The thesis varies the payload from flight to flight and leaves discharge in flight to further work; as there, the
+    outflow is assumed to carry no momentum.
     """
     if not (rate > 0.0 and payload > 0.0):
         raise ParameterError(f"discharge: rate {rate:g} and payload {payload:g} must be positive")
@@ -92,7 +92,7 @@ def quadcopter(
 ) -> Multirotor:
     """Build the craft with a motor and a payload [share of the full tank]; `discharge` and its start as for `tank`.
 
-    The thesis' rotors follow their command at once; 20 ms of lag stand in for that.
+    The thesis' rotors follow their command at once, which a lag of 20 ms approximates.
     """
     mass, inertia = mass_properties(motor, payload)
     corners = ((ARM, ARM, 0.0), (-ARM, -ARM, 0.0), (ARM, -ARM, 0.0), (-ARM, ARM, 0.0))
@@ -109,7 +109,7 @@ def quadcopter(
 
 
 def profile(t: float, trim: float) -> np.ndarray:
-    """Rotor speeds of the flight plan (appendix A): climb, pitch forward and back, more lift; shape (4,), rad/s.
+    """Return rotor speeds of the flight plan (appendix A): climb, pitch forward and back, more lift; shape (4,), rad/s.
 
     `trim` [rad/s] is 3200 turns per minute in the listing and 4600 in the text; neither hovers (see `hover_rpm`).
     """
@@ -128,14 +128,14 @@ def hover_rpm(motor: PropulsionUnit, payload: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
-    """What of the plan can be changed."""
+    """Settings of the plan."""
 
     motor: str = "Sunnysky X2212-13 980KV"  #: One of the thesis' five.
     payload: float = 0.5  #: Share of the full tank of 1 kg, 0..1, with which the logged flight begins.
-    trim_rpm: float = 0.0  #: Turns per minute about which the plan commands; 0: those that hover.
+    trim_rpm: float = 0.0  #: Turns per minute about which the plan commands; 0 for those of hover.
     discharge: float = 0.0  #: Share of the full tank that flows out per second.
     discharge_start: float = 5.0  #: s.
-    voltage: float = 11.1  #: Of the battery, for the table of feasibility, V.
+    voltage: float = 11.1  #: Of the battery, for `feasibility`, V.
     #: s.
     duration: float = 30.0
     step: float = 0.01
@@ -154,21 +154,18 @@ class Profile:
             raise ParameterError(f"trim_rpm {self.trim_rpm:g} must lie in 0 to 30000 turns per minute")
 
 
-def fly_profile(settings: Profile) -> pd.DataFrame:
+def fly_profile(settings: Profile, craft: Multirotor) -> pd.DataFrame:
     """Fly the plan open loop about a trim, RK4 at 0.01 s as in the thesis; see `propagate`."""
-    motor = find(settings.motor)
-    craft = quadcopter(motor, settings.payload, discharge=settings.discharge, discharge_start=settings.discharge_start)
-    trim = RPM * (settings.trim_rpm or hover_rpm(motor, settings.payload))
+    trim = RPM * (settings.trim_rpm or hover_rpm(find(settings.motor), settings.payload))
     start = craft.state(profile(0.0, trim))
     return propagate(craft, start, lambda t, x: profile(t, trim), settings.duration, dt=settings.step, gravity=GRAVITY)
 
 
 def feasibility(voltage: float = 11.1) -> pd.DataFrame:
-    """Return which motor holds the flight plan with which payload: a row for each of both, speeds in rpm.
+    """Return which motor can fly the plan with which payload: a row for each combination, speeds in rpm.
 
-    A motor holds it when the highest speed of the plan, about hover, stays below KV times voltage, and the ideal
-    power of one rotor at that speed below the motor's largest power. The thesis names no battery; three cells are
-    taken.
+    The highest speed of the plan, about hover, must be below KV times voltage, and the ideal power of one rotor at
+    that speed below the motor's largest power. The thesis names no battery; three cells are assumed.
     """
     rows = []
     times = np.arange(0.0, 30.0, 0.25)
@@ -178,8 +175,8 @@ def feasibility(voltage: float = 11.1) -> pd.DataFrame:
             top = max(float(profile(t, hover * RPM).max()) for t in times)
             power = rotor().torque(top, SEA_LEVEL_DENSITY) * top
             limit = motor.kv * voltage
-            holds = top < limit and power < motor.power
-            rows.append((motor.name, payload, mass, hover, top / RPM, limit / RPM, power, motor.power, holds))
+            feasible = top < limit and power < motor.power
+            rows.append((motor.name, payload, mass, hover, top / RPM, limit / RPM, power, motor.power, feasible))
     names = ["motor", "payload", "mass", "hover_rpm", "top_rpm", "limit_rpm", "power", "limit_power", "feasible"]
     return pd.DataFrame(rows, columns=names)
 
@@ -193,11 +190,10 @@ _NOTES = (
 
 
 def simulate(name: str, summary: str, settings: Profile) -> CaseOutcome:
-    """Fly the plan with every payload, and with the payload of the settings for the log."""
-    craft = quadcopter(
-        find(settings.motor), settings.payload, discharge=settings.discharge, discharge_start=settings.discharge_start
-    )
-    flown = fly_profile(settings)
+    """Fly the plan with the payload of the settings, which is logged, and with every payload."""
+    motor = find(settings.motor)
+    craft = quadcopter(motor, settings.payload, discharge=settings.discharge, discharge_start=settings.discharge_start)
+    flown = fly_profile(settings, craft)
     mass = pd.Series(np.full(len(flown), craft.mass), index=flown.index)
     if craft.tank is not None:
         mass[:] = np.interp(flown.index, craft.tank.time, craft.tank.mass)
@@ -215,13 +211,15 @@ def simulate(name: str, summary: str, settings: Profile) -> CaseOutcome:
         CasePlot("Speeds of the rotors.", "rotor speed (rpm)", rotor_speeds(flown) / RPM),
     ]
     if craft.tank is None:
-        every = {
-            f"{100 * payload:.0f} %": fly_profile(replace(settings, payload=payload, trim_rpm=0.0))
+        flights = {
+            f"{100 * payload:.0f} %": fly_profile(
+                replace(settings, payload=payload, trim_rpm=0.0), quadcopter(motor, payload)
+            )
             for payload in PAYLOADS
         }
         per_square = rotor().thrust(100.0) / 100.0**2
-        heights = {payload: -table["p_d"] for payload, table in every.items()}
-        thrusts = {payload: per_square * (rotor_speeds(table) ** 2).sum(axis=1) for payload, table in every.items()}
+        heights = {payload: -table["p_d"] for payload, table in flights.items()}
+        thrusts = {payload: per_square * (rotor_speeds(table) ** 2).sum(axis=1) for payload, table in flights.items()}
         about = "Height with each payload: about its own hover each craft flies nearly the same plan."
         plots += [
             CasePlot(about, "height (m)", pd.DataFrame(heights)),
@@ -245,7 +243,7 @@ def simulate(name: str, summary: str, settings: Profile) -> CaseOutcome:
 def _facts(settings: Profile, flown: pd.DataFrame, mass: pd.Series, feasible: pd.DataFrame) -> tuple[Fact, ...]:
     motor = find(settings.motor)
     full, empty = (hover_rpm(motor, payload) for payload in (1.0, 0.0))
-    held = [name for name in feasible["motor"].unique() if feasible[feasible["motor"] == name]["feasible"].all()]
+    suitable = [name for name in feasible["motor"].unique() if feasible[feasible["motor"] == name]["feasible"].all()]
     return (
         Fact("motor", motor.name),
         Fact("mass at the start, at the end", f"{mass.iloc[0]:.3f}, {mass.iloc[-1]:.3f}", "kg"),
@@ -255,7 +253,7 @@ def _facts(settings: Profile, flown: pd.DataFrame, mass: pd.Series, feasible: pd
         Fact("greatest height", float(-flown["p_d"].min()), "m"),
         Fact("climb rate at the end", float(-flown["v_d"].iloc[-1]), "m/s"),
         Fact("distance north at the end", float(flown["p_n"].iloc[-1]), "m"),
-        Fact("motors that hold the plan with every payload", ", ".join(held) or "none"),
+        Fact("motors that hold the plan with every payload", ", ".join(suitable) or "none"),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from simulation._kernels import DISARMED, FLYING, IDLE, LANDING
 from simulation.errors import ParameterError
 
-#: Usual length of a position-control tick, s; attitude is controlled five times, physics computed ten times in it.
+#: Default period of position control, s; attitude control runs five times, physics ten times per tick.
 TICK: Final = 0.0125
 
 #: Speed of a landing, m/s.
@@ -49,7 +49,7 @@ class Turn:
 
 @dataclass(frozen=True, slots=True)
 class FlownChirp:
-    """Stay level, hold height and heading while a sine of growing frequency is added at the mixer: SYSTEMID mode.
+    """Stay level, hold height and heading while a chirp is added at the mixer: SYSTEMID mode.
 
     The first frequency is held for two periods, then the frequency grows exponentially.
     """
@@ -60,7 +60,7 @@ class FlownChirp:
     stop_hz: float = 12.0
     seconds: float = 24.0  #: Length of the sweep after the first two periods.
     fade: float = 1.5  #: Time over which the sine grows at the start and shrinks at the end, s.
-    placed: bool = False  #: Whether position is held all the while, which SYSTEMID does not do.
+    placed: bool = False  #: Whether position is held meanwhile, which SYSTEMID does not do.
 
     @property
     def hold(self) -> float:
@@ -69,17 +69,17 @@ class FlownChirp:
 
     @property
     def duration(self) -> float:
-        """Length of the whole, s."""
+        """Total time, s."""
         return self.hold + self.seconds
 
     def frequency(self, t: np.ndarray) -> np.ndarray:
-        """Frequency [Hz] at times [s] from the start of the chirp."""
+        """Return the frequency [Hz] at times [s] from the start of the chirp."""
         growth = math.log(self.stop_hz / self.start_hz) / self.seconds
         frequency: np.ndarray = self.start_hz * np.exp(growth * np.clip(t - self.hold, 0.0, self.seconds))
         return frequency
 
     def signal(self, t: np.ndarray) -> np.ndarray:
-        """Return what is added at times [s] from the start of the chirp; zero outside it."""
+        """Return the chirp at times [s] from its start; zero outside it."""
         growth = math.log(self.stop_hz / self.start_hz) / self.seconds
         swept = np.clip(t - self.hold, 0.0, self.seconds)
         turns = self.start_hz * (np.minimum(t, self.hold) + np.expm1(growth * swept) / growth)
@@ -94,11 +94,11 @@ Step = Wait | GoTo | Turn | FlownChirp
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mission:
-    """Stand, arm, take off, fly the steps, land where the last one ended."""
+    """Wait on the ground, arm, take off, fly the steps, land where the last one ended."""
 
     takeoff: float  #: Height of the first hover, m.
     steps: tuple[Step, ...]
-    heading_deg: float = 0.0  #: Heading on the ground, held in flight unless turned.
+    heading_deg: float = 0.0  #: Heading on the ground, held in flight until a `Turn`.
     #: Time on the ground before arming and between arming and take-off, s.
     disarmed: float = 6.0
     armed: float = 2.0
@@ -118,8 +118,8 @@ class Mission:
     def reference(self, tick: float = TICK) -> "Reference":
         """Plan the mission for position control every `tick` [s].
 
-        Legs are straight, from rest to rest, with the quintic of least jerk, as slow as the limits of speed and
-        acceleration ask. The landing sinks for longer than the height takes, so that the ground is met.
+        Legs are straight, from rest to rest, with the minimum-jerk quintic within the limits of speed and acceleration.
+        The landing descends for longer than the height takes, so that the craft reaches the ground.
         """
         planner = _Planner(math.radians(self.heading_deg), tick)
         planner.hold(self.disarmed, DISARMED)
@@ -145,11 +145,9 @@ class Mission:
                 planner.turn(math.radians(step.heading_deg))
         land = planner.now
         planner.sink()
-        phase = np.concatenate(planner.phases)
-        samples = np.concatenate(planner.samples)
         return Reference(
-            phase=phase,
-            samples=samples,
+            phase=np.concatenate(planner.phases),
+            samples=np.concatenate(planner.samples),
             arm=self.disarmed,
             takeoff=takeoff,
             land=land,
@@ -178,7 +176,7 @@ class Reference:
         return np.minimum((t / self.tick + 1e-9).astype(np.int64), len(self.samples) - 1)
 
     def excitation(self) -> np.ndarray:
-        """Return what the chirps add to roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""
+        """Return the chirps on roll, pitch, yaw and throttle at each attitude-control step; shape (5 M, 4)."""
         added = np.zeros((5 * len(self.phase), 4))
         t = np.arange(len(added)) * (self.tick / 5.0)
         for start, chirp in self.chirps:
@@ -187,16 +185,17 @@ class Reference:
         return added
 
     def level(self) -> np.ndarray:
-        """Whether a chirp is flown at each tick, shape (M,): position is left alone then."""
+        """Return at each tick whether a chirp is flown without position control, shape (M,)."""
         t = np.arange(len(self.phase)) * self.tick
         level = np.zeros(t.shape, dtype=bool)
         for start, chirp in self.chirps:
-            level |= (t >= start) & (t <= start + chirp.duration) & (not chirp.placed)
+            if not chirp.placed:
+                level |= (t >= start) & (t <= start + chirp.duration)
         return level
 
 
 class _Planner:
-    """Strings segments together, each sampled at ticks."""
+    """Builds a reference of consecutive segments, each sampled at ticks."""
 
     def __init__(self, yaw: float, tick: float) -> None:
         self.tick = tick
@@ -210,7 +209,7 @@ class _Planner:
         return sum(len(phase) for phase in self.phases) * self.tick
 
     def ticks(self, seconds: float) -> int:
-        """Whole ticks that cover a time, as long as the mission has room for them."""
+        """Return the whole ticks that cover a time; ParameterError if the mission becomes too long."""
         if not self.now + seconds <= LONGEST:
             raise ParameterError(
                 f"the mission would take {self.now + seconds:.0f} s, and {LONGEST:.0f} s are the most: "

@@ -1,4 +1,4 @@
-"""What is true about a simulated flight, in numbers that an identification can be held against."""
+"""Ground truth of a simulated flight, for comparison with identified values."""
 
 import dataclasses
 import math
@@ -10,7 +10,7 @@ from simulation.instruments import Instruments
 from simulation.place import Place
 from simulation.vehicle import Multirotor
 
-#: The formulae of the simulation in the keys of the truth.
+#: Equations of the simulation, in the keys of the truth.
 _MODEL = {
     "command": "a = clip((pwm - pwm_at_zero_thrust) / (pwm_at_full_thrust - pwm_at_zero_thrust), 0, 1)",
     "rotor_speed": "dw/dt = (w_ref - w) / time_constant, "
@@ -31,7 +31,7 @@ _MODEL = {
 def describe_mission(
     flight: SimulatedFlight, log: Instruments, name: str, summary: str, imu_rate: float
 ) -> dict[str, object]:
-    """Report in numbers what an identification of a mission should find; keys carry their units."""
+    """Return the true values of a mission; keys end in their units."""
     setup = flight.setup
     wind, air = setup.wind, setup.place.atmosphere
     flying = flight.truth.loc[flight.airborne[0] : flight.airborne[1]]
@@ -83,7 +83,7 @@ def describe_mission(
 
 
 def describe_place(place: Place) -> dict[str, object]:
-    """Where the flight was, its gravity and its air on the ground."""
+    """Return the place of the flight, its gravity and the air on the ground."""
     air = place.atmosphere
     return {
         "name": place.name,
@@ -98,7 +98,7 @@ def describe_place(place: Place) -> dict[str, object]:
 
 
 def describe_sensors(log: Instruments, imu_rate: float) -> dict[str, object]:
-    """Errors of the instruments."""
+    """Return the errors of the instruments."""
     sensors = log.sensors
     inertial = sensors.inertial
     return {
@@ -118,7 +118,7 @@ def describe_sensors(log: Instruments, imu_rate: float) -> dict[str, object]:
 
 
 def describe_vehicle(vehicle: Multirotor, voltage: float) -> dict[str, object]:
-    """Return the craft, with the mean voltage of its battery in the air, in numbers."""
+    """Return the parameters of the craft, with the mean voltage of its battery in flight."""
     drive, rotor, battery = vehicle.drive, vehicle.rotors[0].rotor, vehicle.battery
     truth: dict[str, object] = {
         "name": vehicle.name,

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from api.problems import Problem, ProblemError
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id
-from api.store.owned import find, get, holds, listed, missing
+from api.store.owned import contains_text, find, get, missing, newest
 from api.store.records import (
     AlertRecord,
     AnalysisRecord,
@@ -46,8 +46,8 @@ class Crafts:
         with self._database.read() as session:
             query = select(CraftRecord)
             if text:
-                query = query.where(holds(text, CraftRecord.name, CraftRecord.kind))
-            records = listed(session, CraftRecord, query, CraftRecord.changed, owner, limit, after)
+                query = query.where(contains_text(text, CraftRecord.name, CraftRecord.kind))
+            records = newest(session, CraftRecord, query, CraftRecord.changed, owner, limit, after)
             return [_craft(session, record) for record in records]
 
     def find(self, craft_id: str, owner: str) -> CraftAnswer:

@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 from api.problems import ProblemError
 from api.store.database import Database
 from api.store.ids import digest, is_id, new_id, new_secret
-from api.store.owned import find, get, holds, listed, missing
+from api.store.owned import contains_text, find, get, missing, newest
 from api.store.records import AnalysedLog, AnalysisRecord, CraftRecord, FlightRecord, LogRecord
 from api.store.resources import Analysis, Log, State
 from api.store.scratch import Upload
@@ -166,10 +166,10 @@ class Catalog:
         with self._database.read() as session:
             query = select(LogRecord)
             if name:
-                query = query.where(holds(name, LogRecord.name))
+                query = query.where(contains_text(name, LogRecord.name))
             return [
                 Log.model_validate(record)
-                for record in listed(session, LogRecord, query, LogRecord.received, owner, limit, after)
+                for record in newest(session, LogRecord, query, LogRecord.received, owner, limit, after)
             ]
 
     def may_delete_log(self, log_id: str, secret: str) -> str:
@@ -261,11 +261,11 @@ class Catalog:
                     return []
                 query = query.where(AnalysisRecord.members.any(AnalysedLog.log_id == log))
             if text:
-                named = AnalysisRecord.members.any(AnalysedLog.log.has(holds(text, LogRecord.name)))
+                named = AnalysisRecord.members.any(AnalysedLog.log.has(contains_text(text, LogRecord.name)))
                 columns = (AnalysisRecord.craft, AnalysisRecord.flown, AnalysisRecord.health, AnalysisRecord.happened)
-                said = holds(text, *columns)
+                said = contains_text(text, *columns)
                 query = query.where(or_(named, said))
-            records = listed(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
+            records = newest(session, AnalysisRecord, query, AnalysisRecord.created, owner, limit, after)
             return [Analysis.model_validate(record) for record in records]
 
     def cancel(self, analysis_id: str, owner: str) -> Analysis:

@@ -1,4 +1,4 @@
-"""What is asked of logs and reports while somebody waits: run in the process of `api.work.desk`, never here."""
+"""Interactive queries of logs and reports, run in the process of `api.work.desk`."""
 
 import math
 from collections import OrderedDict
@@ -42,13 +42,13 @@ from reports.report_json import parse_report, report_of
 from sysid.loops.proof import BY_THEMSELVES
 from sysid.records.filtering import welch
 
-#: Logs kept open, signals kept, and bytes of signals kept.
+#: Limits of the caches: open logs, signals, and bytes of signals.
 _LOGS, _SIGNALS, _BYTES = 3, 64, 512 << 20
 
-#: Most moments that are listed, and fewest and most samples that a spectrum is made of.
+#: Most moments listed, and fewest and most samples of a spectrum.
 _MOMENTS, _FEWEST, _TRANSFORMED = 2000, 256, 1 << 21
 
-#: Fields that tell when a row was written: they are the axis of every plot, and come last among fields.
+#: Time fields, which are listed last, because time is the axis of every plot.
 _TIMES = frozenset({"TimeUS", "TimeMS", "timestamp", "timestamp_sample", "time_boot_ms", "time_usec"})
 
 _logs: OrderedDict[Path, FlightLog] = OrderedDict()
@@ -56,18 +56,18 @@ _signals: OrderedDict[tuple[Path, str], LoggedSignal] = OrderedDict()
 
 
 class QuestionError(Exception):
-    """There is no answer, for a reason that the user should read."""
+    """There is no answer, for a reason to show to the user."""
 
 
 def recognise(path: Path, name: str) -> None:
-    """Refuse a file that does not begin like a log; `name` is what its user calls it."""
-    with _in_users_words(path, name):
+    """Raise QuestionError if a file is not a log; `name` is the user's name of it."""
+    with _with_users_name(path, name):
         check_is_log(path)
 
 
 def list_messages(path: Path, name: str) -> LoggedMessages:
-    """List the messages of a log that come more than once, and its modes, events and texts."""
-    with _in_users_words(path, name):
+    """List the messages of a log with more than one row, and its modes, events and texts."""
+    with _with_users_name(path, name):
         log = _opened(path)
         counts = sorted(log.messages.counts.items())
         messages = [MessageCount(message, rows) for message, rows in counts if rows > 1]
@@ -77,9 +77,9 @@ def list_messages(path: Path, name: str) -> LoggedMessages:
 def _moments(log: FlightLog) -> list[Moment]:
     modes, events = log.tables.modes, log.tables.events
     moments = [] if modes is None else [Moment(t, "mode", mode) for t, mode in _rows(modes, "mode")]
-    for t, said, detail in () if events is None else _rows(events.head(_MOMENTS), "event", "detail"):
+    for t, event, detail in () if events is None else _rows(events.head(_MOMENTS), "event", "detail"):
         moments.append(
-            Moment(t, "message", detail) if said == "MESSAGE" else Moment(t, "event", f"{said} {detail}".strip())
+            Moment(t, "message", detail) if event == "MESSAGE" else Moment(t, "event", f"{event} {detail}".strip())
         )
     return sorted(moments, key=lambda moment: moment.t)
 
@@ -91,8 +91,8 @@ def _rows(table: pd.DataFrame, *names: str) -> "zip[tuple[Any, ...]]":
 
 
 def list_parameters(path: Path, name: str, before: tuple[Path, str] | None) -> LoggedParameters:
-    """List the autopilot's parameters beside those of another log, which its user calls by a name."""
-    with _in_users_words(path, name):
+    """List the autopilot's parameters beside those of another log, given as path and name."""
+    with _with_users_name(path, name):
         values, earlier = _parameters(path), {} if before is None else _parameters(before[0])
         rows = [
             LoggedParameter(parameter, value, earlier.get(parameter), _changed(parameter, value, earlier))
@@ -107,18 +107,18 @@ def _parameters(path: Path) -> Mapping[str, float]:
 
 
 def _changed(name: str, value: float, earlier: Mapping[str, float]) -> bool:
-    """Return whether somebody changed a parameter, and not the autopilot itself."""
+    """Return whether a parameter changed that the autopilot does not change itself."""
     same = name not in earlier or math.isclose(value, earlier[name], rel_tol=1e-6)
     return not same and not name.startswith(BY_THEMSELVES)
 
 
 def list_fields(path: Path, name: str, message: str) -> LoggedFields:
-    """List the numeric fields of one message, as they are written in expressions."""
-    with _in_users_words(path, name):
+    """List the numeric fields of one message, as written in expressions."""
+    with _with_users_name(path, name):
         log = _opened(path)
         if message not in log.messages:
             raise QuestionError(f"{name} has no {message}.")
-        # What tells instances apart is enough where the format names the fields: a log may hold millions of rows.
+        # Only instance columns are read where the format names the fields: a log may have millions of rows.
         frame = log.messages.once(message, set(INSTANCE_NAMES))
         own = frame.attrs.get("instance")
         if own is not None and own not in frame:
@@ -139,15 +139,15 @@ def list_fields(path: Path, name: str, message: str) -> LoggedFields:
 def read_signals(
     path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None, points: int
 ) -> Signals:
-    """Evaluate expressions over a stretch of time, thinned to `points` values each such that no peak is lost."""
-    with _in_users_words(path, name):
+    """Evaluate expressions between two times, thinned to `points` values each without losing peaks."""
+    with _with_users_name(path, name):
         log = _opened(path)
         return Signals([_signal(log, path, text, start, stop, points) for text in texts])
 
 
 def read_spectra(path: Path, name: str, texts: Sequence[str], start: float | None, stop: float | None) -> Signals:
-    """Transform expressions over a stretch of time, that of the longest flight by default; with the rotors' speeds."""
-    with _in_users_words(path, name):
+    """Compute spectra of expressions between two times, by default of the longest flight, with the rotors' speeds."""
+    with _with_users_name(path, name):
         log = _opened(path)
         first, last = (log.flight.start, log.flight.stop) if log.flight else (log.boot.t_start, log.boot.t_end)
         stretch = Span(first if start is None else start, last if stop is None else stop)
@@ -155,7 +155,7 @@ def read_spectra(path: Path, name: str, texts: Sequence[str], start: float | Non
 
 
 def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpectrum | NoSignal:
-    """Estimate amplitudes by Welch's method from samples brought to one clock."""
+    """Estimate amplitudes by Welch's method from resampled values."""
     try:
         signal = _evaluated(log, path, text)
     except RotoridError as error:
@@ -167,7 +167,7 @@ def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpe
     count = min(_TRANSFORMED, int((t[-1] - t[0]) / step) + 1)
     even = np.interp(t[0] + step * np.arange(count), t, y)
     size = min(count, max(_FEWEST, round(1.0 / step)))
-    with np.errstate(over="ignore", invalid="ignore"):  # of numbers that no sensor gives
+    with np.errstate(over="ignore", invalid="ignore"):  # absurdly large values
         hz, density = welch(even, 1.0 / step, size)
         amplitudes = np.sqrt(2.0 * density * (hz[1] - hz[0]))
     rounded = [float(f"{amplitude:.5g}") if math.isfinite(amplitude) else None for amplitude in amplitudes[1:].tolist()]
@@ -175,13 +175,13 @@ def _spectrum(log: FlightLog, path: Path, text: str, stretch: Span) -> SignalSpe
 
 
 def review_craft(entries: list[dict[str, Any]], notes: list[dict[str, Any]]) -> dict[str, Any]:
-    """Look at a craft as a whole, see `pipeline.fleet.review`."""
+    """Review a craft, see `pipeline.fleet.review`."""
     reviewed: dict[str, Any] = plain(review(restored(entries, list[FlightEntry]), restored(notes, list[CraftNote])))
     return reviewed
 
 
 def craft_page(reviewed: dict[str, Any], name: str, notes: list[dict[str, Any]]) -> str:
-    """Render what the flights of a craft say together."""
+    """Render the page of a craft's review."""
     return render_craft(restored(reviewed, CraftReview), name, restored(notes, list[CraftNote]))
 
 
@@ -240,16 +240,16 @@ def _opened(path: Path) -> FlightLog:
     if path not in _logs:
         _logs[path] = read_log(path)
         while len(_logs) > _LOGS:
-            gone, _ = _logs.popitem(last=False)
-            for key in [key for key in _signals if key[0] == gone]:
+            closed, _ = _logs.popitem(last=False)
+            for key in [key for key in _signals if key[0] == closed]:
                 del _signals[key]
     _logs.move_to_end(path)
     return _logs[path]
 
 
 @contextmanager
-def _in_users_words(path: Path, name: str) -> Iterator[None]:
-    """Name a log that cannot be read as its user calls it."""
+def _with_users_name(path: Path, name: str) -> Iterator[None]:
+    """Replace the path of a log in errors by the name its user gave it."""
     try:
         yield
     except RotoridError as error:

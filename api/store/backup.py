@@ -1,8 +1,8 @@
 """Backup and restore of a whole service, each in one call: the database as rows, the storage as objects, in one file.
 
 The file is a tar of ``manifest.json``, ``tables/NAME.json`` (a row a line) and ``objects/KEY``. Rows are read in one
-transaction before the objects, so that every row of a backup has its bytes: bytes without a row are harmless. What is
-restored may lie in another database and another storage than what was saved: SQLite goes to PostgreSQL this way.
+transaction before the objects, so that every row of a backup has its bytes: bytes without a row are harmless. A backup
+can be restored into another database and storage, such as from SQLite to PostgreSQL.
 """
 
 import io
@@ -24,7 +24,7 @@ from api.store.database import Database
 from api.store.records import Record, UtcTime
 from pipeline.storage.store import Store, open_store, sync
 
-#: Of what a backup holds and how.
+#: Of the format of backups.
 _VERSION = 1
 
 #: Rows written at once.
@@ -32,11 +32,11 @@ _BATCH = 500
 
 
 class BackupError(Exception):
-    """It cannot be saved or restored, for a reason that the operator should read."""
+    """A backup cannot be saved or restored, for a reason to show to the operator."""
 
 
 def save(settings: Settings, target: Path) -> tuple[int, int]:
-    """Write everything into a file, which is there only when it is whole; return the number of rows and objects."""
+    """Write everything into a file, which appears only when complete; return the number of rows and objects."""
     database, objects = Database(settings.database_url), open_store(settings.storage_url)
     database.migrate()
     partial = target.with_name(target.name + ".partial")
@@ -76,7 +76,7 @@ def save(settings: Settings, target: Path) -> tuple[int, int]:
 
 
 def restore(settings: Settings, source: Path) -> tuple[int, int]:
-    """Bring a backup back into an empty service; return the number of rows and objects."""
+    """Restore a backup into an empty service; return the number of rows and objects."""
     database, objects = Database(settings.database_url), open_store(settings.storage_url)
     try:
         database.migrate()
@@ -102,12 +102,12 @@ def _restore(database: Database, objects: Store, settings: Settings, source: Pat
         about = {} if head is None else json.load(head)
         if about.get("version") != _VERSION:
             raise BackupError(f"{source.name} was made by another version of rotorid")
-        # Objects first: a row never promises what is not there.
+        # Objects first, so that no row refers to a missing object.
         kept = Path(scratch).resolve() / "objects"
         for member in archive:
             if not member.name.startswith("objects/") or not member.isfile():
                 continue
-            # The library's own safe extraction says where a member may come to lie, and that place is its key.
+            # tarfile's safe extraction decides where a member may be written; its path there is the key.
             archive.extract(safe := tarfile.data_filter(member, scratch).replace(mode=0o600), scratch, filter="data")
             place = (Path(scratch) / safe.name).resolve()
             objects.put(place, place.relative_to(kept).as_posix())

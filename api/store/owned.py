@@ -1,4 +1,4 @@
-"""What an owner has: found by its id, and listed part by part, the newest first."""
+"""Lookup of an owner's logs, analyses and craft by id, and lists of them in pages, the newest first."""
 
 from collections.abc import Iterable
 from datetime import datetime
@@ -22,32 +22,32 @@ _MISSING = {
 
 
 def missing(kind: type[Any]) -> ProblemError:
-    """Make the error where there is no such thing, or it is another's."""
+    """Return the error for a record that does not exist or is another owner's."""
     return ProblemError.missing(_MISSING[kind])
 
 
 def find(session: Session, kind: type[Owned], record_id: str, owner: str, *, lock: bool = False) -> Owned | None:
-    """Look something up; None where the owner has none of this id."""
+    """Look a record up; None if the owner has none of this id."""
     record = session.get(kind, record_id, with_for_update=lock) if is_id(record_id) else None
     return record if record is not None and record.owner == owner else None
 
 
 def get(session: Session, kind: type[Owned], record_id: str, owner: str, *, lock: bool = False) -> Owned:
-    """Look something up; a problem where the owner has none of this id."""
+    """Look a record up; raises ProblemError if the owner has none of this id."""
     record = find(session, kind, record_id, owner, lock=lock)
     if record is None:
         raise missing(kind)
     return record
 
 
-def holds(text: str, *columns: Text) -> ColumnElement[bool]:
-    """Return the condition that one of several texts holds another, in capitals or not."""
-    if "\0" in text:  # which no text has, and PostgreSQL does not take
+def contains_text(text: str, *columns: Text) -> ColumnElement[bool]:
+    """Return the condition that one of several columns contains a text, ignoring case."""
+    if "\0" in text:  # no text has it, and PostgreSQL refuses it
         return false()
     return or_(*(column.icontains(text, autoescape=True) for column in columns))
 
 
-def listed(
+def newest(
     session: Session,
     kind: type[Owned],
     query: Select[Any],
@@ -56,9 +56,9 @@ def listed(
     limit: int,
     after: str | None,
 ) -> Iterable[Owned]:
-    """Return the newest that a query finds, or those after one of this list, which is ignored where there is none."""
+    """Return the newest records of a query, or those after the record `after` if there is such."""
     query = query.where(kind.owner == owner).order_by(by.desc(), kind.id.desc()).limit(limit)
-    last = None if after is None else find(session, kind, after, owner)
-    if last is not None:
-        query = query.where(tuple_(by, kind.id) < (getattr(last, by.key), last.id))
+    previous = None if after is None else find(session, kind, after, owner)
+    if previous is not None:
+        query = query.where(tuple_(by, kind.id) < (getattr(previous, by.key), previous.id))
     return session.scalars(query)

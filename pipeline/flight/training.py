@@ -1,7 +1,7 @@
-"""Which flights train models, and which part of them.
+"""Which flights are used for training, and which part of them.
 
-A flight trains if its position is accurate and it moves enough. Of it serves the part before a motor failed or the
-craft was lost, and of a very long flight the half hour in which most was asked of the craft.
+A flight is used if its position is accurate and it moves enough. Only the part before a motor failed or the craft was
+lost is used, and of a very long flight the half hour in which attitude targets moved most.
 """
 
 from __future__ import annotations
@@ -16,25 +16,25 @@ from pipeline.results.account import Account
 from pipeline.results.fleet import FlightEntry
 from pipeline.results.span import Span
 
-#: Horizontal 1-sigma beyond which a flight does not train, m: good models err by this much over whole flights.
+#: Horizontal 1-sigma beyond which a flight is excluded, m: good models err by this much over whole flights.
 POOR_POSITION = 5.0
 
-#: Acceleration over what the estimate's own noise makes of it, below which there is too little excitation.
+#: Ratio of acceleration to that from the estimate's own noise, below which there is too little excitation.
 LEAST_EXCITATION = 2.0
 
 
 def excitation(flight: FlightEntry) -> float | None:
-    """Return the RMS of a flight's changes of velocity over a second, m/s^2; None where that was not measured."""
+    """Return the RMS of a flight's changes of velocity over a second, m/s^2; None if not measured."""
     return None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_rms)
 
 
 def position_sigma(flight: FlightEntry) -> float | None:
-    """Return the largest horizontal 1-sigma of a flight's position, m; None where that was not measured."""
+    """Return the largest horizontal 1-sigma of a flight's position, m; None if not measured."""
     return None if flight.coverage is None else _measured(flight.coverage.health.position_sigma.max)
 
 
 def position_good(flight: FlightEntry) -> bool:
-    """Return whether a flight's position is known to be good enough to train."""
+    """Return whether a flight's position is accurate enough for training."""
     sigma = position_sigma(flight)
     return sigma is not None and sigma <= POOR_POSITION
 
@@ -44,44 +44,44 @@ def _measured(value: float | None) -> float | None:
 
 
 def excitation_noise(flight: FlightEntry) -> float | None:
-    """Return what the estimate's own noise makes of `excitation`, m/s^2; None where that was not measured."""
+    """Return the part of `excitation` that comes from the estimate's own noise, m/s^2; None if not measured."""
     return None if flight.coverage is None else _measured(flight.coverage.excitation.acceleration_noise)
 
 
 def hardly_moves(flight: FlightEntry) -> bool:
-    """Return whether all that a flight shows is the noise of the estimate."""
-    moved, noise = excitation(flight), excitation_noise(flight)
-    return moved is not None and noise is not None and moved < LEAST_EXCITATION * noise
+    """Return whether a flight's excitation is no more than the noise of the estimate."""
+    acceleration, noise = excitation(flight), excitation_noise(flight)
+    return acceleration is not None and noise is not None and acceleration < LEAST_EXCITATION * noise
 
 
 def exclusion_of(flight: FlightEntry) -> str:
-    """Return why a flight must not train, as a clause; empty when it may. What was not measured is not trusted."""
-    sigma, moved, noise = position_sigma(flight), excitation(flight), excitation_noise(flight)
+    """Return why a flight is excluded from training, as a clause; empty if it is not."""
+    sigma, acceleration, noise = position_sigma(flight), excitation(flight), excitation_noise(flight)
     if sigma is None:
         why = flight.missing.get("coverage", "")
         return "how accurate its position is was not determined" + (f" ({why})" if why else "")
     if sigma > POOR_POSITION:
         return f"its position is poor: the horizontal 1-sigma grows to {sigma:.1f} m"
-    if moved is None or noise is None:
+    if acceleration is None or noise is None:
         return "how much it moves was not determined"
     if hardly_moves(flight):
         return (
-            f"it hardly moves: its acceleration of {moved:.2g} m/s² (RMS) is less than "
+            f"it hardly moves: its acceleration of {acceleration:.2g} m/s² (RMS) is less than "
             f"{LEAST_EXCITATION:g} times what the estimate's noise makes, {noise:.2g} m/s²"
         )
     return ""
 
 
-#: Longest flying [s] that models are made of. What all of a flight has in common (battery, wind, trim) outweighs by
-#: then what more of it would add, and time and memory that models take grow with it.
+#: Longest part of a flight [s] used for models: more of it adds little, because battery, wind and trim are those of the
+#: flight, and models take time and memory in proportion.
 LONGEST = 1800.0
 
-#: Part of it by which one choice is shifted against the next.
+#: Step between candidate parts, relative to their length.
 _SHIFT = 0.1
 
 
 def busiest(log: FlightLog, sound: Span) -> Span:
-    """Return the `LONGEST` seconds in which attitude targets moved most; all of a flight that is not longer.
+    """Return the `LONGEST` seconds of the `sound` part in which attitude targets moved most, or all of it if shorter.
 
     A flight with chirps, which may be anywhere, is used as a whole.
     """
@@ -93,15 +93,15 @@ def busiest(log: FlightLog, sound: Span) -> Span:
     table = log.tables.part("attitude", angles) if table is None else table
     if table is None or len(table) < 2:
         return Span(sound.start, sound.start + LONGEST)
-    turned = wrap(np.diff(table.to_numpy(np.float64), axis=0))
-    moved = np.concatenate([[0.0], np.cumsum(np.nansum(np.abs(turned), axis=1))])
+    changes = np.abs(wrap(np.diff(table.to_numpy(np.float64), axis=0)))
+    travel = np.concatenate([[0.0], np.cumsum(np.nansum(changes, axis=1))])
     t = table.index.to_numpy(np.float64)
-    begin = float(begins[np.argmax(np.interp(begins + LONGEST, t, moved) - np.interp(begins, t, moved))])
+    begin = float(begins[np.argmax(np.interp(begins + LONGEST, t, travel) - np.interp(begins, t, travel))])
     return Span(begin, begin + LONGEST)
 
 
 def loss_findings(account: Account) -> tuple[Finding, ...]:
-    """Explain from when on a flight serves no models because a motor failed or the craft was lost; empty if neither."""
+    """Report from when on a flight is not used because a motor failed or the craft was lost; empty if neither."""
     cause, sound = account.cause, account.sound
     if account.flight is None or cause is None or sound is None or sound.stop >= account.flight.stop:
         return ()
@@ -116,7 +116,7 @@ def loss_findings(account: Account) -> tuple[Finding, ...]:
 
 
 def part_findings(sound: Span, part: Span) -> tuple[Finding, ...]:
-    """Explain of which part of a long flight, as `busiest` chose it, models are made; empty if of all of it."""
+    """Report which part of a long flight models are made of, see `busiest`; empty if all of it."""
     if part == sound:
         return ()
     return (

@@ -1,4 +1,4 @@
-"""Coverage of a flight, and of the flights of a craft: which speeds, heights and winds were flown, and how logged."""
+"""Coverage of a flight, and of the flights of a craft: speeds, heights, winds and quality of logging."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class AxisExcitation:
     #: one-second means.
     rms: float
     unit: str
-    #: ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; weak ends where identification begins to believe an axis
+    #: ``"none"``, ``"weak"``, ``"fair"`` or ``"strong"``; from ``"fair"`` on identification uses the axis
     #: (`sysid.rigid_body.rotation.STILL`, `sysid.records.thrust_curve.VARYING`).
     word: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Linearity:
-    """How much of an output is a linear answer to the inputs."""
+    """How much of an output is a linear response to the inputs."""
 
     multiple_median: float | None = None  #: Multiple coherence with the inputs, median over the band.
     above_chance: float | None = None  #: Part of the band's frequencies at which it is above what chance gives.
@@ -34,12 +34,12 @@ class Linearity:
 class Movement:
     """Movement of one flight."""
 
-    #: Of changes of velocity over one second, m/s^2: the motion that models are to explain.
+    #: Of changes of velocity over one second, m/s^2: the motion that models have to explain.
     acceleration_rms: float | None
-    #: The same that the estimate's own uncertainty would make, m/s^2; None where that is not known.
+    #: The same from the estimate's own uncertainty alone, m/s^2; None where that is not known.
     acceleration_noise: float | None
     #: Standard deviation of the velocity over the ground along and across the nose, about the flight's mean velocity,
-    #: m/s: what tells drag from wind.
+    #: m/s: what separates drag from wind.
     speed_std: tuple[float, float]
     headings: int  #: Sectors of 45 degrees in which the nose pointed for three seconds or more.
     axes: Mapping[str, AxisExcitation]  #: ``roll pitch yaw thrust``.
@@ -73,7 +73,7 @@ class LogHealth:
 
 @dataclass(frozen=True, slots=True)
 class FlownQuantity:
-    """What is counted out: name for people, unit and width of its bins; bins begin at multiples of the width."""
+    """A quantity whose distribution is computed: title, unit and width of its bins, which begin at multiples of it."""
 
     title: str
     unit: str
@@ -93,7 +93,7 @@ QUANTITIES: Mapping[str, FlownQuantity] = {
 }
 
 
-#: The two quantities of the map, whose bins a cell counts.
+#: The two quantities of the map.
 MAP = ("ground_speed", "altitude")
 
 #: Bin of ground speed, bin of altitude, seconds.
@@ -102,7 +102,7 @@ Cell = tuple[int, int, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Distribution:
-    """How much time a flight spent at which values of a quantity."""
+    """Time that a flight spent at each value of a quantity."""
 
     #: Of the quantity.
     title: str
@@ -120,7 +120,7 @@ class Distribution:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanWind:
-    """Mean wind of a flight as the rigid body found it."""
+    """Mean wind of a flight by the fit of the rigid body."""
 
     #: Where the air goes, 10 m above the start, m/s.
     north: float
@@ -133,7 +133,7 @@ class MeanWind:
 
     @classmethod
     def towards(cls, north: float, east: float, sigma: float | None, source: str) -> MeanWind:
-        """Return the wind whose air goes so fast to the north and to the east, m/s."""
+        """Return the wind whose air moves to the north and to the east at these speeds, m/s."""
         direction = atan2(-east, -north) % (2.0 * pi)
         return cls(north=north, east=east, speed=hypot(north, east), direction=direction, sigma=sigma, source=source)
 
@@ -142,7 +142,7 @@ class MeanWind:
 class Coverage:
     """What one flight covered."""
 
-    seconds: float  #: Of flight that were counted.
+    seconds: float  #: Of flight.
     quantities: Mapping[str, Distribution]  #: Of those of `QUANTITIES` that are known.
     map: tuple[Cell, ...]  #: Time at each ground speed and altitude; cells without any are left out.
     wind: MeanWind | None
@@ -153,7 +153,7 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RangeFlown:
-    """Time at values of a quantity, of flights that train and of those that judge."""
+    """Time at each value of a quantity, of training and of held-out flights."""
 
     title: str
     unit: str
@@ -168,7 +168,7 @@ class RangeFlown:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Excursion:
-    """A judging flight beyond what models were fitted to: for which part of its time, and how far."""
+    """A held-out flight outside the range of the training flights: for which part of its time, and how far."""
 
     flight: str
     quantity: str
@@ -179,7 +179,7 @@ class Excursion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnvelopeMap:
-    """Time at each ground speed and altitude, fitted and judged."""
+    """Time at each ground speed and altitude, of training and of held-out flights."""
 
     training: tuple[Cell, ...]
     held_out: tuple[Cell, ...]

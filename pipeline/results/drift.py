@@ -1,4 +1,4 @@
-"""Drift: parameters of a craft from flight to flight, and whether a motor weakens; with the review of a craft."""
+"""Drift of a craft's parameters from flight to flight, weakening motors, and the review of a craft."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sysid.autopilot.values import AutopilotValues
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mean:
-    """A parameter over the flights of a side, with its standard error."""
+    """Mean of a parameter over the flights on one side of a comparison, with its standard error."""
 
     value: float
     sigma: float
@@ -23,20 +23,20 @@ class Mean:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ParameterChange:
-    """A parameter on both sides, and whether it differs by more than chance."""
+    """A parameter on both sides of a comparison, and whether the difference is significant."""
 
     parameter: str
     method: str
     unit: str
     a: Mean
     b: Mean
-    between_flights: float | None  #: Standard deviation between flights; None where one on each side cannot tell.
+    between_flights: float | None  #: Standard deviation between flights; None with one flight on each side.
     difference: float
     difference_sigma: float
     #: In percent of the value before, with its 95 % interval; None where that may be zero.
     difference_percent: float | None
     interval_percent: tuple[float, float] | None
-    detectable_percent: float | None  #: Change that would have been found four times out of five.
+    detectable_percent: float | None  #: Change that would be detected with a power of 80 %.
     p: float
     p_adjusted: float = 1.0
     significant: bool = False
@@ -64,7 +64,7 @@ class FlightPoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """Steady change: slope per flight, with its standard error and probability."""
+    """Linear trend: slope per flight, with its standard error and p-value."""
 
     per_flight: float
     per_flight_sigma: float
@@ -75,7 +75,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """Change at once between two flights (`number` is that of the later), with standard error and probability."""
+    """Step change between two flights (`number` is that of the later), with standard error and p-value."""
 
     before: str
     after: str
@@ -89,7 +89,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Heterogeneity:
-    """Cochran's Q, its probability, and the part of the scatter that is not the flights' own errors."""
+    """Cochran's Q, its p-value, and I^2: the part of the scatter beyond the flights' own errors."""
 
     q: float
     p: float
@@ -103,7 +103,7 @@ class History:
     parameter: str
     unit: str
     method: str
-    flights: tuple[FlightPoint, ...]  #: What each says, in their order.
+    flights: tuple[FlightPoint, ...]  #: In order.
     #: Over flights, with its standard error.
     mean: float
     mean_sigma: float
@@ -111,12 +111,12 @@ class History:
     heterogeneity: Heterogeneity
     trend: Trend | None = None
     step: Step | None = None
-    others: Mapping[str, tuple[FlightPoint, ...]] = field(default_factory=dict)  #: What other methods say, by method.
+    others: Mapping[str, tuple[FlightPoint, ...]] = field(default_factory=dict)  #: Of other methods, by method.
     sentence: str = ""
 
     @property
     def change(self) -> Trend | Step | None:
-        """The significant change, the likelier where slope and step both are; None without one."""
+        """The significant change, that with the smaller p where trend and step both are; None without one."""
         significant = [change for change in (self.trend, self.step) if change is not None and change.significant]
         return min(significant, key=lambda change: change.p, default=None)
 
@@ -132,27 +132,27 @@ class MotorWork:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotorDrift:
-    """What is steadily asked of the motors, over flights."""
+    """Mean commands of the motors over flights."""
 
     points: tuple[MotorWork, ...]
     weakening: str | None = None  #: The motor that alone explains a change of the trims by losing thrust.
-    #: Part of its thrust that it lost: per flight, or at once.
+    #: Part of its thrust that it lost: per flight, or in one step.
     loss: float | None = None
     sentence: str
-    p: float | None = None  #: Chance that trims together look so much like one motor's loss where nothing changes.
+    p: float | None = None  #: p-value of one motor's loss explaining the trims by chance.
     findings: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drift:
-    """Everything that was followed over the flights of one craft."""
+    """All that is tracked over the flights of one craft."""
 
-    order: str  #: ``"date"``, or ``"name"`` where a log does not tell its date.
+    order: str  #: ``"date"``, or ``"name"`` where the date of a log is not known.
     flights: tuple[str, ...]  #: In that order.
     parameters: tuple[History, ...]
-    motors: MotorDrift | None  #: None where no flight tells what is steadily asked.
+    motors: MotorDrift | None  #: None where no flight has mean commands.
     findings: tuple[Finding, ...]
-    responses: tuple[ResponseCurve, ...] = ()  #: Of the newest flights, how each axis answers its command.
+    responses: tuple[ResponseCurve, ...] = ()  #: Of the newest flights, response of each axis to its command.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,7 +166,7 @@ class CraftNote:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alert:
-    """Something that left its band; equal `about` is the same alert, however often it is found."""
+    """A quantity outside its usual range; alerts with equal `about` are the same."""
 
     about: str
     id: str  #: As a finding has it.
@@ -177,10 +177,10 @@ class Alert:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CraftReview:
-    """What the flights of one craft say together without a joint fit: sums over what each says by itself."""
+    """Results over the flights of one craft without a joint fit, combined from those of each flight."""
 
     flights: tuple[str, ...]  #: In order.
-    #: Of them those since the last boundary, and among those again the ones built as the newest is.
+    #: Those since the last boundary that have the same configuration as the newest.
     pooled: tuple[str, ...]
     boundary: CraftNote | None  #: The last before the newest flight.
     drift: Drift | None  #: Of the pooled flights.
@@ -190,4 +190,4 @@ class CraftReview:
     autopilot: AutopilotValues | None = None  #: What the pooled flights propose to the autopilot; None of nothing.
     #: Of the pooled flights those that joint models can use; empty where they are fewer than two.
     joint: tuple[str, ...] = ()
-    remarks: tuple[str, ...] = ()  #: What about the flights as a series is strange, and what was done about it.
+    remarks: tuple[str, ...] = ()  #: What is unusual about the series of flights, and how it was handled.

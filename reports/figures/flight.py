@@ -1,6 +1,6 @@
-"""The plots of one flight: where it went, how high, what the motors were told, and which of them come first.
+"""Plots of one flight: track, height and motor commands, and those of the first screen.
 
-Plots that need the result itself are drawn once and kept, so that pages can be made anew.
+Plots that need the result itself are drawn once and stored, so that pages can be rendered again.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ Frame = TypeVar("Frame", pd.DataFrame, "pd.Series[Any]")
 
 
 def flight_figures(result: FlightResult) -> list[Figure]:
-    """Draw what was flown; a plot whose data is missing is left out."""
+    """Draw track, height and motors; a plot whose data is missing is left out."""
     candidates = (track(result), altitude(result), motors(result))
     return [figure for figure in candidates if figure is not None]
 
@@ -75,14 +75,14 @@ def track(result: FlightResult) -> Figure | None:
             return None
         north, east = gps
         name = "GPS, where it is credible" if doubtful else "GPS"
-        way = line(east, north, name, "@gps", 1.2, time=np.arange(len(east), dtype=float))
-        return _map([way], east, north, _wind_arrow(result))
+        path = line(east, north, name, "@gps", 1.2, time=np.arange(len(east), dtype=float))
+        return _map([path], east, north, _wind_arrow(result))
     gps = _gps_offsets(result)
     states = _within(result.trajectory.states, present(result.flight))
     if states.empty or not result.position_known:
         return None
-    happened = _happened(result, states)
-    over = [] if happened is None else [happened]
+    events = _event_marks(result, states)
+    over = [] if events is None else [events]
     below = [] if gps is None else [dots(gps[1], gps[0], "GPS", "@gps")]
     return track_figure(states, below, over, _wind_arrow(result), _estimated_height(result))
 
@@ -94,11 +94,11 @@ def track_figure(
     notes: Sequence[Drawn] = (),
     height: pd.Series[float] | None = None,
 ) -> Figure:
-    """Draw the track of a trajectory's states between what is drawn below and over it; `height` [m] is its colour."""
+    """Draw the track of a trajectory's states, with traces below and over it, coloured by `height` [m]."""
     north, east = states["p_n"].to_numpy(), states["p_e"].to_numpy()
     hover = "%{x:.1f} m east<br>%{y:.1f} m north"
-    way = line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float))
-    return _map([*below, way, _heights(states, height), *over], east, north, notes)
+    path = line(east, north, "flown", "@quiet", 0.8, hover=hover, time=states.index.to_numpy(dtype=float))
+    return _map([*below, path, _heights(states, height), *over], east, north, notes)
 
 
 def _map(traces: Sequence[Trace], east: Floats, north: Floats, notes: Sequence[Drawn]) -> Figure:
@@ -115,7 +115,7 @@ def _map(traces: Sequence[Trace], east: Floats, north: Floats, notes: Sequence[D
 
 
 def _heights(states: pd.DataFrame, height: pd.Series[float] | None) -> Trace:
-    """Colour the track by height, with a scale that also reads in grey; above the start where no height is given."""
+    """Colour the track by height, by default above the start, in a colour scale that is readable in grey."""
     chosen = states.iloc[:: max(1, -(-len(states) // MOST_POINTS))]
     above = states["p_d"].iloc[0] - chosen["p_d"] if height is None else height.loc[chosen.index]
     trace = dots(chosen["p_e"], chosen["p_n"], "height", "@ink") | {"showlegend": False, "hoverinfo": "all"}
@@ -130,8 +130,8 @@ def _heights(states: pd.DataFrame, height: pd.Series[float] | None) -> Trace:
     return trace | {"marker": {"size": 5} | colors, "hovertemplate": hover}
 
 
-def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
-    """Mark where notable events began."""
+def _event_marks(result: FlightResult, states: pd.DataFrame) -> Trace | None:
+    """Mark the places where notable events began."""
     inside = [event for event in notable(result) if states.index[0] <= event.t <= states.index[-1]][:40]
     if not inside:
         return None
@@ -143,13 +143,13 @@ def _happened(result: FlightResult, states: pd.DataFrame) -> Trace | None:
 
 
 def notable(result: FlightResult) -> tuple[Happening, ...]:
-    """Return what happened, the gravest first."""
+    """Return notable events, the most severe first."""
     account = present(result.account)
     return () if account is None else account.notable
 
 
 def _wind_arrow(result: FlightResult) -> list[Drawn]:
-    """Draw where the wind goes, beside the map's corner; nothing where it is not known better than its error."""
+    """Draw the wind as an arrow in the map's corner; nothing where it is below twice its sigma."""
     wind = None if isinstance(result.coverage, Failure) else result.coverage.wind
     if wind is None or wind.sigma is None:
         return []
@@ -160,12 +160,12 @@ def _wind_arrow(result: FlightResult) -> list[Drawn]:
     place = {"name": "wind", "xref": "paper", "yref": "paper", "x": 0.03, "y": 0.86, "text": ""}
     arrow = {"ax": -_ARROW * east, "ay": _ARROW * north, "arrowhead": 2, "arrowwidth": 2, "arrowcolor": "@own"}
     arrow |= {"xshift": _ARROW // 2 + _ARROW // 2 * east, "yshift": _ARROW // 2 * north, "showarrow": True}
-    # A flight at 40 m in sheared air has met twice as much.
+    # In sheared air a flight at 40 m meets twice as much.
     return [place | arrow | {"hovertext": f"wind {uncertain(speed, wind.sigma, 'm/s')} at {WIND_HEIGHT:g} m"}]
 
 
 def altitude(result: FlightResult) -> Figure | None:
-    """Draw height above the ground that the flight left, by every sensor, and as estimated."""
+    """Draw height above the take-off ground, by every sensor and as estimated."""
     flight, signals = present(result.flight), present(result.signals)
     span = margin(flight)
     lines = [] if signals is None else [signal for panel in signals.height for signal in panel.signals]
@@ -180,7 +180,7 @@ def altitude(result: FlightResult) -> Figure | None:
     plot = over_time([Panel(title="height", unit="m", signals=tuple(lines))], time_axis(span), colors=colors, width=1.4)
     plot.shapes, plot.notes = mode_bands(result)
     if sensor:
-        # A receiver or an estimate that runs away must not flatten what the barometer shows.
+        # The range is the barometer's, so that a diverging receiver or estimate does not flatten it.
         low, high = padded(plot.data[:1], "y")
         plot.axes["yaxis"] |= {"range": [low - 0.5 * (high - low), high + 0.5 * (high - low)]}
     caption = "Height above the ground that the flight left. Bands are flight modes."
@@ -188,7 +188,7 @@ def altitude(result: FlightResult) -> Figure | None:
 
 
 def _outputs(result: FlightResult, span: Span | None) -> list[SignalLine]:
-    """Return the commands of the motors in a stretch of time, by the motors' numbers."""
+    """Return the motors' commands within a span, named by motor number."""
     table = None if result.motors is None else _within(result.motors, span)
     if table is None or len(table) < 2:
         return []
@@ -196,19 +196,22 @@ def _outputs(result: FlightResult, span: Span | None) -> list[SignalLine]:
     return [SignalLine(str(name).removeprefix("m"), t, column.to_numpy(float)) for name, column in table.items()]
 
 
+def _motor_limits(result: FlightResult) -> Mapping[str, float]:
+    signals = present(result.signals)
+    return {} if signals is None else signals.motor_limits
+
+
 def motors(result: FlightResult) -> Figure | None:
-    """Draw the commands of every motor in a row of its own."""
+    """Draw the commands of each motor in its own row."""
     span = margin(present(result.flight))
     lines = _outputs(result, span)
     flown = np.array([output.y for output in _outputs(result, present(result.flight))])
-    used = flown[np.isfinite(flown)]
-    if not lines or used.size == 0:
+    finite = flown[np.isfinite(flown)]
+    if not lines or finite.size == 0:
         return None
-    low, high = float(used.min()), float(used.max())
+    low, high = float(finite.min()), float(finite.max())
     pad = max(0.15 * (high - low), 10.0)
-    signals = present(result.signals)
-    known = {} if signals is None else signals.motor_limits
-    limits = {name: value for name, value in known.items() if low - pad < value < high + pad}
+    limits = {name: value for name, value in _motor_limits(result).items() if low - pad < value < high + pad}
     panels = [Panel(title="", unit="", signals=(signal,), limits=limits) for signal in lines]
     axis = {"range": [low - pad, high + pad], "nticks": 3, "tickfont": {"size": 10}}
     plot = over_time(panels, time_axis(span), axis=axis, width=1.0, decimals=0)
@@ -224,7 +227,7 @@ def motors(result: FlightResult) -> Figure | None:
 
 
 def mode_bands(result: FlightResult) -> tuple[list[Drawn], list[Drawn]]:
-    """Draw flight modes as quiet bands, every other one tinted, with their names on top."""
+    """Draw flight modes as bands, every other one tinted, with their names on top."""
     shapes, labels = [], []
     for number, mode in enumerate(mode_spans(result)):
         span = Span(mode.start_s, mode.stop_s)
@@ -236,7 +239,7 @@ def mode_bands(result: FlightResult) -> tuple[list[Drawn], list[Drawn]]:
 
 
 def _estimated_height(result: FlightResult) -> pd.Series[float] | None:
-    """Height of the trajectory above the ground that the flight left, m; None without a trajectory."""
+    """Return the height of the trajectory above the take-off ground, m; None without a trajectory."""
     if isinstance(result.trajectory, Failure):
         return None
     up, flight = -result.trajectory.states["p_d"], present(result.flight)
@@ -306,7 +309,7 @@ def draw_craft(group: GroupResult) -> CraftFigures:
     return CraftFigures(board=model_board(group.models, hidden), predictions=joint_predictions(group, hidden))
 
 
-#: Plots below each other for which there is room.
+#: Number of panels on the first screen.
 _PANELS = {Picture.ATTITUDE: 3, Picture.RATES: 3, Picture.BATTERY: 2}
 _CAPTIONS = {
     Picture.MOTORS: "Motor outputs.",
@@ -320,18 +323,18 @@ _CAPTIONS = {
 
 
 def first_figures(result: FlightResult) -> list[Figure]:
-    """Draw where it flew and what matters most; each is left out where nothing is known of it."""
-    beside = track(result)
-    figures = [] if beside is None else [_with_ends(beside)]
-    matters = _matters(result, 420 if beside is None else 270)
-    return figures if matters is None else [*figures, matters]
+    """Draw the track and the plot that the answer names; each is left out without data."""
+    ground_track = track(result)
+    figures = [] if ground_track is None else [_with_ends(ground_track)]
+    main = _main_plot(result, 420 if ground_track is None else 270)
+    return figures if main is None else [*figures, main]
 
 
 def _with_ends(figure: Figure) -> Figure:
-    """Name start and end in the map, which takes less room than a legend."""
+    """Label start and end in the map instead of in a legend."""
     layout = figure.layout | {"showlegend": False, "margin": figure.layout["margin"] | {"t": 12}}
-    # A flight that ends near where it began must not write one over the other: the northern one has its name above. Nor
-    # may a name reach into the scale of heights beside the map: it stands towards the middle.
+    # Labels of near places must not overlap: the northern one is above its mark. They extend towards the middle, so as
+    # not to cover the colour scale.
     ends = sorted(
         (trace for trace in figure.data if trace["name"] in ("start", "end")), key=lambda trace: trace["y"][0]
     )
@@ -346,11 +349,11 @@ def _with_ends(figure: Figure) -> Figure:
         for trace in figure.data
         for name in (trace["name"],)
     ]
-    return replace(figure, height=330, caption=_key(figure), data=data, layout=layout)
+    return replace(figure, height=330, caption=_legend_sentence(figure), data=data, layout=layout)
 
 
-def _key(figure: Figure) -> str:
-    """Say what a map's marks are."""
+def _legend_sentence(figure: Figure) -> str:
+    """Explain the marks of a map."""
     words = [
         "crosses: what happened"
         if trace["name"] == "events"
@@ -363,7 +366,8 @@ def _key(figure: Figure) -> str:
     return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
-def _matters(result: FlightResult, height: int) -> Figure | None:
+def _main_plot(result: FlightResult, height: int) -> Figure | None:
+    """Draw the plot that the answer names."""
     answer = present(result.answer)
     picture = Picture.ALTITUDE if answer is None else answer.picture
     around = None if answer is None else answer.around
@@ -376,12 +380,12 @@ def _matters(result: FlightResult, height: int) -> Figure | None:
     layout = dict(drawn.layout)
     if around is not None:
         shown = Span(around.start, _end(drawn, around.stop))
-        # Names of modes would cover those of what happened.
-        layout["annotations"] = _names(result, shown)
-        happened = [mark_line(event.t, "@bad", 1.5) for event in notable(result)[:20]]
-        layout["shapes"] = [*_background(result, layout), *happened]
+        # Names of modes would cover those of events.
+        layout["annotations"] = _event_labels(result, shown)
+        events = [mark_line(event.t, "@bad", 1.5) for event in notable(result)[:20]]
+        layout["shapes"] = [*_background(result, layout), *events]
         layout["xaxis"] = layout["xaxis"] | {"range": [shown.start, shown.stop]}
-    # A stretch of its own must not pull the other plots along, nor be pulled by them.
+    # A plot of a part of the flight does not share its time axis with the others.
     return replace(
         drawn,
         id=f"first-{picture}",
@@ -393,14 +397,14 @@ def _matters(result: FlightResult, height: int) -> Figure | None:
 
 
 def _background(result: FlightResult, layout: Drawn) -> list[Drawn]:
-    """Return modes as bands, and the limits that the plot had."""
+    """Return the bands of modes, and the plot's own limits."""
     limits = [shape for shape in layout.get("shapes", ()) if shape.get("xref") == "paper"]
     return [*mode_bands(result)[0], *limits]
 
 
-def _names(result: FlightResult, around: Span) -> list[Drawn]:
-    """Name what happened above its line, the story first, as many as do not cover each other."""
-    names: list[Drawn] = []
+def _event_labels(result: FlightResult, around: Span) -> list[Drawn]:
+    """Label events above their lines, causes first, as many as do not overlap."""
+    labels: list[Drawn] = []
     taken: list[tuple[float, float]] = []
     account = present(result.account)
     for event in () if account is None else account.causes_first:
@@ -411,13 +415,13 @@ def _names(result: FlightResult, around: Span) -> list[Drawn]:
             free = all(high <= other[0] or low >= other[1] for other in taken)
             if free and around.start <= low and high <= around.stop:
                 taken.append((low, high))
-                names.append(band_label(Span(t, t), text) | {"xanchor": side})
+                labels.append(band_label(Span(t, t), text) | {"xanchor": side})
                 break
-    return names
+    return labels
 
 
 def _end(figure: Figure, stop: float) -> float:
-    """Return where a stretch of time ends that is drawn: a crash ends many lines, and nothing is to be seen after."""
+    """Return the end of the time axis: soon after the data ends, as at a crash."""
     last = max((float(trace["x"][-1]) for trace in figure.data if len(trace["x"])), default=stop)
     return min(stop, last + 0.3)
 
@@ -425,9 +429,8 @@ def _end(figure: Figure, stop: float) -> float:
 def _motors(result: FlightResult, around: Span | None) -> Figure | None:
     """Draw all motor outputs in one plot."""
     span = around or margin(present(result.flight))
-    lines, signals = _outputs(result, span), present(result.signals)
+    lines = _outputs(result, span)
     if not lines:
         return None
-    limits = {} if signals is None else signals.motor_limits
-    panel = Panel(title="output", unit="µs", signals=tuple(lines), limits=limits)
+    panel = Panel(title="output", unit="µs", signals=tuple(lines), limits=_motor_limits(result))
     return over_time([panel], time_axis(span), width=1.4, decimals=0).figure("first-motors", "", 270, time=True)

@@ -15,7 +15,7 @@ from urllib.parse import unquote
 
 from core.errors import RotoridError
 from reports.figures.figure import Figure
-from reports.pages.html import filled, plotly_script, script_json
+from reports.pages.html import plotly_script, render_text, script_json
 
 ImageFormat = Literal["png", "svg"]
 
@@ -38,7 +38,7 @@ def write_images(figures: Sequence[Figure], folder: Path, image_format: ImageFor
     drawn = [figure.light() for figure in figures]
     # Two pixels of a PNG for each of a page's column of 900.
     scale = 2 if image_format == "png" else 1
-    page = filled("plot_images.html", figures=script_json(drawn), format=image_format, width=900, scale=scale)
+    page = render_text("plot_images.html", figures=script_json(drawn), format=image_format, width=900, scale=scale)
     target = folder / "plots"
     target.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory() as scratch:

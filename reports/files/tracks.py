@@ -13,7 +13,7 @@ import pymap3d
 
 from pipeline.results.failure import Failure, present
 from pipeline.results.flight import FlightResult
-from reports.pages.html import filled
+from reports.pages.html import render_text
 
 #: Names of the files.
 FILES = ("track.geojson", "track.kml", "track.gpx")
@@ -43,7 +43,7 @@ def write_track(result: FlightResult, folder: Path) -> tuple[Path, ...]:
         return ()
     events = _events(result, points)
     shown = {"name": result.name, "points": points, "events": events}
-    texts = (_geojson(result.name, points, events), *(filled(name, **shown) for name in FILES[1:]))
+    texts = (_geojson(result.name, points, events), *(render_text(name, **shown) for name in FILES[1:]))
     files = tuple(folder / name for name in FILES)
     for file, text in zip(files, texts, strict=True):
         file.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Results as pages that open offline: everything inside, everything from a log escaped."""
+"""HTML pages that open offline: everything is inlined, and everything from a log escaped."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from reports.views.summary import TRUST_WORDS
 
 
 def failed_page(error: Exception) -> str:
-    """Stand in for a page that could not be drawn, and say where its numbers are."""
+    """Return the page shown instead of one that could not be drawn."""
     return (
         '<!DOCTYPE html><html lang="en"><head><meta charset="utf-8"><title>rotorid</title></head><body>'
         f"<p>This page could not be drawn ({escape(type(error).__name__)}: {escape(str(error))}). "
@@ -38,9 +38,9 @@ def plotly_script() -> bytes:
 
 
 def render(template: str, figures: Sequence[Figure], script_file: str = "", **variables: object) -> str:
-    """Fill a template of `templates/` in with all figures that it shows and its variables, each of which it must find.
+    """Render a template of `templates/` with its figures and variables; an undefined variable is an error.
 
-    Plotly is in `script_file`, for pages that share one copy, or inside where that is "".
+    Plotly is loaded from `script_file`, which pages may share, or inlined if that is "".
     """
     return (
         _environment()
@@ -59,20 +59,20 @@ def render(template: str, figures: Sequence[Figure], script_file: str = "", **va
 
 
 def script_json(value: object) -> Markup:
-    """Write JSON that may stand inside a script element whatever text it holds."""
+    """Return JSON that is safe inside a script element."""
     text = json.dumps(value, allow_nan=False, ensure_ascii=False, separators=(",", ":"))
     for unsafe in "<>&\u2028\u2029":
         text = text.replace(unsafe, f"\\u{ord(unsafe):04x}")
     return Markup(text)
 
 
-def filled(template: str, **variables: object) -> str:
-    """Fill a template in that is no page."""
+def render_text(template: str, **variables: object) -> str:
+    """Render a template that is not a page."""
     return _environment().get_template(template).render(**variables).lstrip()
 
 
 def _xml(text: str) -> str:
-    """Drop what XML 1.0 cannot hold."""
+    """Drop characters that XML 1.0 does not allow."""
     return "".join(c for c in text if c in "\t\n" or (ord(c) >= 0x20 and ord(c) not in (0xFFFE, 0xFFFF)))
 
 
@@ -100,16 +100,16 @@ def _environment() -> jinja2.Environment:
 
 
 class _CompiledTemplates(jinja2.FileSystemBytecodeCache):
-    """Compiled templates in a folder of the user's own among temporary files: compiling takes longer than a page."""
+    """Cache of compiled templates in the user's temporary folder; compiling takes longer than rendering a page."""
 
     def dump_bytecode(self, bucket: jinja2.bccache.Bucket) -> None:
-        """Keep a template; a full disk is no reason to lose the page."""
+        """Store a template, ignoring a full disk."""
         with suppress(OSError):
             super().dump_bytecode(bucket)
 
 
 def _bytecode_cache() -> _CompiledTemplates | None:
-    """Return the cache; None where there is no folder that only the user can write to."""
+    """Return the cache; None without a folder that only the user can write to."""
     try:
         return _CompiledTemplates()
     except (OSError, RuntimeError):
@@ -122,5 +122,5 @@ def _text(name: str) -> str:
 
 @cache
 def _packed_plotly() -> Markup:
-    """Pack Plotly's script as base64 of gzip: 2 MB instead of 5 in every page (level 9: 1 % less in twice the time)."""
+    """Return Plotly's script as base64 of gzip: 2 MB instead of 5 in every page (level 9: 1 % less, twice the time)."""
     return Markup(base64.b64encode(gzip.compress(plotly_script(), compresslevel=5, mtime=0)).decode("ascii"))

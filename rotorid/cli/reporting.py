@@ -1,4 +1,4 @@
-"""``rotorid report``, ``compare`` and ``schema``: reports made before, shown, compared and described."""
+"""``rotorid report``, ``compare`` and ``schema``: show, compare and describe existing reports."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -22,7 +22,7 @@ def report(
     from reports.terminal import summary as terminal
 
     page = out / "report.html"
-    if as_json:  # as it is, by whatever version
+    if as_json:  # unchanged, whatever version wrote it
         typer.echo((out / "report.json").read_text("utf-8"), nl=False)
     else:
         stdout = console()
@@ -77,10 +77,10 @@ def compare(
 
 
 def _name(path: Path) -> str:
-    """Call a report as its user does: by its folder."""
-    return (
-        (path if path.is_dir() else path.parent).resolve().name if path.name in ("", ".", "report.json") else path.name
-    )
+    """Name a report by its folder."""
+    if path.name not in ("", ".", "report.json"):
+        return path.name
+    return (path if path.is_dir() else path.parent).resolve().name
 
 
 def schema(

@@ -102,7 +102,7 @@ def simulate(
 
 
 def _write(outcome: "CaseOutcome", out: Path, *, whole: bool) -> None:
-    """Write what a case gave, and tell on stdout: its characteristics if it is the only one, and the files."""
+    """Write the outcome of a case; echo its characteristics if it is the only one, and the files."""
     import simulation
     from reports.pages.signals import simulation_page
 
@@ -143,7 +143,7 @@ def _list_cases() -> None:
 
 
 def _shown(value: object) -> str:
-    """Write a value as --set takes it."""
+    """Format a value as --set takes it."""
     if isinstance(value, tuple):
         return ",".join(map(_shown, value))
     text = f"{value:g}" if isinstance(value, float) else str(value)
@@ -151,7 +151,7 @@ def _shown(value: object) -> str:
 
 
 def run_models(
-    models: Path, inputs: Path | None, wanted: str | None, out: Path, trim: Literal["own", "training"] | None
+    models: Path, inputs: Path | None, selected: str | None, out: Path, trim: Literal["own", "training"] | None
 ) -> None:
     """Run stored models with the inputs of a log or a CSV table; write a page and a table of each prediction."""
     from pipeline.config import ConfigError
@@ -163,7 +163,7 @@ def run_models(
         raise ConfigError(f"{models} holds models; say what to run them with: --inputs LOG or --inputs TABLE.csv")
     prepare(out)
     with shown() as progress:
-        result = replay(models, inputs, wanted, progress, trim)
+        result = replay(models, inputs, selected, progress, trim)
     for model in result.results:
         if model.report.missing:
             typer.echo(f"{model.title}: {model.report.missing}", err=True)

@@ -1,8 +1,8 @@
-"""Lines of the motors in raw gyro batches (ISBH, ISBD): frequency in hover, harmonics, and how throttle moves them.
+"""Spectral lines of the motors in raw gyro batches (ISBH, ISBD): frequency in hover, harmonics, and throttle exponent.
 
-Batches are a second of the gyro at its full rate before the autopilot's filters, one in two seconds or so. Motors whose
-outputs are equal turn alike, so that their sines add or cancel for seconds: the fundamental can be weaker than its
-harmonic, and only many batches tell it.
+A batch is about a second of the gyro at its full rate before the autopilot's filters, one every two seconds or so.
+Motors with equal outputs turn at nearly equal speeds, so their sines add or cancel for seconds: the fundamental can be
+weaker than its harmonic, and it takes many batches to find it.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from core.robust import robust_sigma
 from logparse import FlightLog, RotoridError
@@ -18,25 +19,26 @@ from sysid.loops.filters import NOTCH_LIMIT
 from sysid.records import Floats
 from sysid.records.filtering import welch
 
-#: What is said of a flight without batches.
 NO_BATCHES = "no raw gyro batches"
 
-#: Change of throttle within a batch whose lines smear, and departure from hover's throttle that is hover, in parts.
-_STEADY, _HOVERS = 0.03, 0.08
+#: Largest relative variation of throttle within a steady batch, and largest relative deviation from hover throttle.
+_STEADY, _HOVER_BAND = 0.03, 0.08
 
-#: Lowest frequency of a motor's line, Hz: below, the craft moves.
+#: Lowest frequency of a motor's line, Hz; below is motion of the craft.
 _LOWEST = 20.0
 
-#: A line stands out by so much (power) of the median about it (a part of its frequency to either side), and has at
-#: least so much of the strongest line's power, and so many rad/s (0.1 deg/s).
-_STANDS_OUT, _ABOUT, _PART, _LEAST = 20.0, 0.3, 0.02, 0.0017
+#: Least power of a line over the median around it, and half-width of that surrounding band relative to its frequency.
+_PROMINENCE, _SURROUNDING = 20.0, 0.3
 
-#: Half-width of a line, in parts of its frequency and in steps of the spectrum.
+#: Least power of a line relative to the strongest, and least amplitude, rad/s (0.1 deg/s).
+_LEAST_POWER, _LEAST_AMPLITUDE = 0.02, 0.0017
+
+#: Half-width of a line, relative to its frequency and in steps of the spectrum.
 _WIDTH, _STEPS = 0.03, 2.0
 
-#: Exponents of throttle that are tried, and the uncertainty of one that tells nothing.
+#: Throttle exponents that are tried, and sigma beyond which the exponent is not determined.
 _EXPONENTS = np.linspace(0.0, 1.2, 25)
-_UNKNOWN = 0.15
+_UNDETERMINED = 0.15
 
 #: Fewest steady batches; most harmonics.
 _FEWEST, _HARMONICS = 4, 4
@@ -53,7 +55,7 @@ class Batch:
     start: float  #: s on the log's clock.
     stop: float
     throttle: float  #: Mean throttle output.
-    steady: bool  #: Whether the throttle stayed.
+    steady: bool  #: Whether the throttle was nearly constant.
     rate: float  #: Samples per second.
     hz: Floats  #: shape (m,)
     power: Floats  #: shape (3, m): Density about x, y, z, (rad/s)^2/Hz.
@@ -66,23 +68,23 @@ class Batch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotorLines:
-    """The motors' lines of a flight."""
+    """The motors' spectral lines in a flight."""
 
     steady: tuple[Batch, ...]  #: Batches of steady throttle.
     batches: tuple[Batch, ...]  #: Those of them in hover.
     hover: float  #: Throttle of hover.
     hz: float  #: Fundamental in hover.
     sigma: float
-    harmonics: tuple[int, ...]  #: That stand out, 1 for the fundamental.
-    exponent: float  #: Of throttle: the firmware's notch follows the square root.
+    harmonics: tuple[int, ...]  #: Those found, 1 for the fundamental.
+    exponent: float  #: Frequency goes with throttle to this power; the firmware's notch assumes 0.5.
     exponent_sigma: float
-    quantum: float  #: Of the batches' samples, rad/s.
+    quantum: float  #: Resolution of the batches' samples, rad/s.
 
 
 def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], float]:
-    """Return batches of the flown gyro before and after the filters, and the quantum of their samples, rad/s.
+    """Return batches of the gyro in use before and after the filters, and the quantum of their samples, rad/s.
 
-    LineError without batches of the gyro that flies, before its filters.
+    Raises LineError without batches of that gyro from before its filters.
     """
     name, parameters, flight = log.name, log.parameters_flown, log.flight
     tables = log.tables.others("gyro_batch")
@@ -95,7 +97,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
     option = int(parameters.get("INS_LOG_BAT_OPT", 0.0))
     if option & 2:
         raise LineError(f"{name}: the batches are behind the filters (INS_LOG_BAT_OPT {option}); fly with 0 or 4")
-    # With both the instances behind the filters follow those before them.
+    # Where both are logged, the instances after the filters follow those before them.
     raw = instances[: len(instances) // 2] if option & 4 and len(instances) > 1 else instances
     used = next((k for k, flag in enumerate(("INS_USE", "INS_USE2", "INS_USE3")) if parameters.get(flag, 1.0)), 0)
     if used not in raw:
@@ -103,53 +105,57 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
             f"{name}: the batches are of IMU {raw[0] + 1}, and the loops fly on IMU {used + 1}; set "
             f"INS_LOG_BAT_MASK {1 << used}"
         )
-    both = [tables[raw.index(used)], *(tables[len(raw) + raw.index(used) :][:1] if len(raw) < len(instances) else ())]
+    place = raw.index(used)
+    filtered = tables[len(raw) + place :][:1] if len(raw) < len(instances) else ()
     throttle = log.tables.column("setpoints", "throttle")
     if throttle is None or throttle.notna().sum() < 2:
         raise LineError(f"{name}: no throttle output (CTUN), which the notch would follow")
-    given = throttle.dropna()
-    t, values = given.index.to_numpy(np.float64), given.to_numpy(np.float64)
-    by_table: list[tuple[Batch, ...]] = []
-    for table in both:
-        batches = []
-        for _, part in table.loc[flight.start : flight.stop].groupby("batch"):
-            times = part.index.to_numpy(np.float64)
-            if len(times) < 512:
-                continue
-            rate = 1.0 / float(np.median(np.diff(times)))
-            samples = part[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(np.float64).T
-            hz, power = welch(samples, rate, len(times))
-            during = np.interp(np.linspace(times[0], times[-1], 11), t, values)
-            steady = bool(np.std(during) < _STEADY * np.mean(during))
-            batches.append(Batch(times[0], times[-1], float(during.mean()), steady, rate, hz, power))
-        by_table.append(tuple(batches))
-    return by_table[0], (by_table[1] if len(by_table) > 1 else ()), 1.0 / float(np.median(gyro["mul"]))
+    before, *after = (
+        _spectra(table.loc[flight.start : flight.stop], throttle.dropna()) for table in (tables[place], *filtered)
+    )
+    return before, (after[0] if after else ()), 1.0 / float(np.median(gyro["mul"]))
+
+
+def _spectra(table: pd.DataFrame, throttle: pd.Series[float]) -> tuple[Batch, ...]:
+    """Compute the spectrum of each batch of a table, with the throttle during it."""
+    batches = []
+    for _, part in table.groupby("batch"):
+        times = part.index.to_numpy(np.float64)
+        if len(times) < 512:
+            continue
+        rate = 1.0 / float(np.median(np.diff(times)))
+        samples = part[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(np.float64).T
+        hz, power = welch(samples, rate, len(times))
+        during = np.interp(np.linspace(times[0], times[-1], 11), throttle.index.to_numpy(np.float64), throttle)
+        steady = bool(np.std(during) < _STEADY * np.mean(during))
+        batches.append(Batch(times[0], times[-1], float(during.mean()), steady, rate, hz, power))
+    return tuple(batches)
 
 
 def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> MotorLines:
     """Find the motors' lines in batches of one flight.
 
-    LineError where none stands out, or none goes with throttle, or the battery moves them at equal throttle.
+    Raises LineError where no line is found, none goes with throttle, or they drift at equal throttle.
     """
     steady = [batch for batch in batches if batch.steady]
     if len(steady) < _FEWEST:
         raise LineError(f"{log.name}: {len(steady)} batches of steady throttle; hover for half a minute")
     hover = float(np.median([batch.throttle for batch in steady]))
-    near = tuple(batch for batch in steady if abs(batch.throttle / hover - 1.0) < _HOVERS)
-    alike = [batch for batch in near if len(batch.hz) == len(near[0].hz)]
-    mean = np.mean([batch.power.sum(axis=0) for batch in alike], axis=0)
-    candidates = _standing_out(alike[0].hz, mean, alike[0].rate)
+    hovering = tuple(batch for batch in steady if abs(batch.throttle / hover - 1.0) < _HOVER_BAND)
+    hz = hovering[0].hz
+    mean = np.mean([batch.power.sum(axis=0) for batch in hovering if len(batch.hz) == len(hz)], axis=0)
+    candidates = _peaks(hz, mean, hovering[0].rate)
     if not candidates:
         raise LineError(f"{log.name}: no line stands out of the gyro's noise, so that no notch is needed")
-    still = ""
+    reason = ""
     for candidate in candidates:
         harmonics = tuple(k for k in range(1, _HARMONICS + 1) if _near(k * candidate, candidates))
         times, throttles, lines = _tracked(steady, candidate, harmonics, hover)
         if len(lines) < _FEWEST:
             continue
         values, sigma = _fitted(times, throttles, lines, hover)
-        if sigma[1] > _UNKNOWN:
-            still = still or f"the line at {candidate:.0f} Hz was not seen at other throttles; climb and descend"
+        if sigma[1] > _UNDETERMINED:
+            reason = reason or f"the line at {candidate:.0f} Hz was not seen at other throttles; climb and descend"
         elif values[1] > 4.0 * sigma[1]:
             drift = float(values[2] * (steady[-1].stop - steady[0].start))
             if abs(drift) > _WIDTH and abs(values[2]) > 4.0 * sigma[2]:
@@ -157,75 +163,82 @@ def motor_lines(log: FlightLog, batches: Sequence[Batch], quantum: float) -> Mot
                     f"{log.name}: at equal throttle the motors' line moved by {100.0 * drift:.0f} % through the "
                     "flight, as with a battery that sags: a notch on throttle would miss it; log ESC telemetry"
                 )
-            spread = float(np.hypot(np.exp(values[0]) * sigma[0], 0.1 * alike[0].step))
-            exponent, exponent_sigma = float(values[1]), float(sigma[1])
-            hz = float(np.exp(values[0]))
-            return MotorLines(tuple(steady), near, hover, hz, spread, harmonics, exponent, exponent_sigma, quantum)
+            fundamental = float(np.exp(values[0]))
+            return MotorLines(
+                steady=tuple(steady),
+                batches=hovering,
+                hover=hover,
+                hz=fundamental,
+                sigma=float(np.hypot(fundamental * sigma[0], 0.1 * hovering[0].step)),
+                harmonics=harmonics,
+                exponent=float(values[1]),
+                exponent_sigma=float(sigma[1]),
+                quantum=quantum,
+            )
         else:
-            still = still or f"the line at {candidate:.0f} Hz does not go with throttle: a mode of the frame"
-    raise LineError(f"{log.name}: {still or f'no line is seen in {_FEWEST} of its {len(steady)} steady batches'}")
+            reason = reason or f"the line at {candidate:.0f} Hz does not go with throttle: a mode of the frame"
+    raise LineError(f"{log.name}: {reason or f'no line is seen in {_FEWEST} of its {len(steady)} steady batches'}")
 
 
-def _standing_out(hz: Floats, power: Floats, rate: float) -> list[float]:
-    """Return the frequencies of lines that stand out, the lowest first."""
+def _peaks(hz: Floats, power: Floats, rate: float) -> list[float]:
+    """Return the frequencies of the lines of a spectrum, the lowest first."""
     inside = np.flatnonzero((hz >= _LOWEST) & (hz <= NOTCH_LIMIT * rate))
     lines: list[tuple[float, float]] = []
     for k in inside:
         wide = max(_WIDTH * hz[k], _STEPS * hz[1])
-        line, about = np.abs(hz - hz[k]) <= wide, np.abs(hz - hz[k]) <= _ABOUT * hz[k]
-        if power[k] == power[line].max() and power[k] > _STANDS_OUT * np.median(power[about]):
+        line, around = np.abs(hz - hz[k]) <= wide, np.abs(hz - hz[k]) <= _SURROUNDING * hz[k]
+        if power[k] == power[line].max() and power[k] > _PROMINENCE * np.median(power[around]):
             total = float(power[line].sum() * hz[1])
-            if total > _LEAST**2:
+            if total > _LEAST_AMPLITUDE**2:
                 lines.append((float(hz[line] @ power[line] / power[line].sum()), total))
     strongest = max((total for _, total in lines), default=0.0)
-    return [where for where, total in lines if total > _PART * strongest]
+    return [frequency for frequency, total in lines if total > _LEAST_POWER * strongest]
 
 
-def _near(where: float, lines: Sequence[float]) -> bool:
-    return any(abs(line / where - 1.0) < _WIDTH for line in lines)
+def _near(frequency: float, lines: Sequence[float]) -> bool:
+    return any(abs(line / frequency - 1.0) < _WIDTH for line in lines)
 
 
 def _tracked(
     batches: Sequence[Batch], hover_hz: float, harmonics: Sequence[int], hover: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return time, throttle and fundamental of batches in which the lines are seen where throttle would put them."""
+    """Return time, throttle and fundamental of the batches that show the lines where their throttle predicts them."""
 
-    def strength(batch: Batch, exponent: float) -> list[tuple[float, float]]:
-        seen = []
+    def peaks(batch: Batch, exponent: float) -> list[tuple[float, float]]:
+        """Return prominence and fundamental by each harmonic."""
+        found = []
         total = batch.power.sum(axis=0)
         for k in harmonics:
-            where = k * hover_hz * (batch.throttle / hover) ** exponent
-            wide = max(_WIDTH * where, _STEPS * batch.step)
-            line = np.flatnonzero(np.abs(batch.hz - where) <= wide)
-            about = np.abs(batch.hz - where) <= _ABOUT * where
+            predicted = k * hover_hz * (batch.throttle / hover) ** exponent
+            wide = max(_WIDTH * predicted, _STEPS * batch.step)
+            line = np.flatnonzero(np.abs(batch.hz - predicted) <= wide)
+            around = np.abs(batch.hz - predicted) <= _SURROUNDING * predicted
             if len(line) and line[-1] + 1 < len(total):
                 part = total[line]
-                seen.append(
-                    (float(part.max() / np.median(total[about])), float(batch.hz[line] @ part / part.sum()) / k)
-                )
-        return seen
+                prominence = float(part.max() / np.median(total[around]))
+                found.append((prominence, float(batch.hz[line] @ part / part.sum()) / k))
+        return found
 
-    scores = [sum(np.log(max((s for s, _ in strength(b, p)), default=1.0)) for b in batches) for p in _EXPONENTS]
+    scores = [sum(np.log(max((s for s, _ in peaks(b, p)), default=1.0)) for b in batches) for p in _EXPONENTS]
     exponent = float(_EXPONENTS[int(np.argmax(scores))])
     rows = []
     for batch in batches:
-        seen = strength(batch, exponent)
-        best, where = max(seen, default=(0.0, 0.0))
-        if best > _STANDS_OUT:
-            rows.append((0.5 * (batch.start + batch.stop), batch.throttle, where))
+        best, fundamental = max(peaks(batch, exponent), default=(0.0, 0.0))
+        if best > _PROMINENCE:
+            rows.append((0.5 * (batch.start + batch.stop), batch.throttle, fundamental))
     times, throttles, lines = np.array(rows).T if rows else np.empty((3, 0))
     return times, throttles, lines
 
 
 def _fitted(times: Floats, throttles: Floats, lines: Floats, hover: float) -> tuple[Floats, Floats]:
-    """Fit ln f = ln F + p ln(throttle / hover) + d t robustly; return the three with their sigmas."""
+    """Fit ln f = ln F + p ln(throttle / hover) + d t robustly; return ln F, p and d with their sigmas."""
     design = np.column_stack([np.ones(len(times)), np.log(throttles / hover), times - times.mean()])
     weights = np.ones(len(times))
     for _ in range(5):
         weighted = design * weights[:, None]
         values = np.linalg.lstsq(weighted.T @ design, weighted.T @ np.log(lines), rcond=None)[0]
-        left = np.log(lines) - design @ values
-        scale = max(robust_sigma(left), 1e-4)
-        weights = np.minimum(1.0, (2.0 * scale / np.maximum(np.abs(left), 1e-9)) ** 2)
+        residual = np.log(lines) - design @ values
+        scale = max(robust_sigma(residual), 1e-4)
+        weights = np.minimum(1.0, (2.0 * scale / np.maximum(np.abs(residual), 1e-9)) ** 2)
     covariance = np.linalg.pinv((design * weights[:, None]).T @ design) * scale**2
     return values, np.sqrt(np.diag(covariance))

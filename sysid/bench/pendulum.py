@@ -16,10 +16,11 @@ from typing import Literal
 import msgspec
 import numpy as np
 
+from core.findings import warning
 from core.robust import robust_sigma
 from core.units import STANDARD_GRAVITY
 from logparse import Finding
-from sysid.bench.table import BenchError, doubtful
+from sysid.bench.table import BenchError
 
 #: An inertia whose standard uncertainty exceeds this part of it is not determined.
 DETERMINED = 0.5
@@ -119,22 +120,25 @@ def bifilar(
     most = mass * (5.0 * threads.distance) ** 2
     if inertia > most:
         findings.append(
-            doubtful(
+            warning(
+                "table-doubtful",
                 f"inertia {inertia:.3g} kg m^2 would need all {mass:g} kg to sit more than "
                 f"{5.0 * threads.distance:.2g} m from the axis",
                 "check that the times are in seconds, and the number of oscillations and the lengths",
-                {"inertia": inertia},
+                inertia=inertia,
             )
         )
     relative = math.sqrt(sum(part**2 for part in parts.values()))
     if relative > DETERMINED:
         worst = max(parts, key=lambda name: parts[name])
         findings.append(
-            doubtful(
+            warning(
+                "table-doubtful",
                 f"the inertia is known to {100.0 * relative:.0f} % only, most of it from the {worst} "
                 f"({100.0 * parts[worst]:.0f} %): it is not determined",
                 f"measure the {worst} better",
-                {"relative": relative, "worst": worst},
+                relative=relative,
+                worst=worst,
             )
         )
     return BifilarResult(
@@ -193,11 +197,13 @@ def check_thread(
     findings: tuple[Finding, ...] = ()
     if abs(off) > 0.02:
         findings = (
-            doubtful(
+            warning(
+                "table-doubtful",
                 f"the simple pendulum gives g = {measured:.2f} m/s^2, {100.0 * off:+.1f} %: the thread is "
                 f"{true_length:.3f} m long rather than {length:.3f} m, or swings were miscounted",
                 "measure from the suspension to the centre of gravity; inertia errs by as much",
-                {"gravity": measured, "length": true_length},
+                gravity=measured,
+                length=true_length,
             ),
         )
     return ThreadCheck(measured, true_length, findings)
@@ -229,10 +235,11 @@ def _periods(times: Sequence[float], oscillations: int, axis: str) -> tuple[np.n
     if np.count_nonzero(~bad) < 2:
         raise BenchError(f"{label}times of {oscillations} swings disagree: {', '.join(f'{t:g}' for t in times)} s")
     return periods[~bad], [
-        doubtful(
+        warning(
+            "table-doubtful",
             f"{label}{np.count_nonzero(bad)} time(s) differ by about a swing from the others "
             f"({', '.join(f'{t:g}' for t in np.asarray(times)[bad])} s); left out",
             "count again",
-            {"left_out": int(np.count_nonzero(bad))},
+            left_out=int(np.count_nonzero(bad)),
         )
     ]

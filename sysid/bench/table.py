@@ -1,4 +1,4 @@
-"""Thrust-stand tables: read CSV of any layout with units in its headers, into SI, with findings on implausible rows.
+"""Thrust-stand tables: CSV of any layout with units in its headers, read into SI, with findings on implausible rows.
 
 A table has one row per measurement: PWM, voltage, thrust, and where measured torque, speed and current, perhaps a motor
 number (Kim 2017) and much else (RCbenchmark and Tyto write some twenty columns). Headers carry units in brackets:
@@ -19,6 +19,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from core.findings import info, warning
 from core.robust import robust_sigma
 from core.units import STANDARD_GRAVITY
 from logparse import Finding, RotoridError, Severity
@@ -53,7 +54,7 @@ _UNITS: dict[str, dict[str, float]] = {
     "density": {"kg/m3": 1.0, "kg/m^3": 1.0, "kg/m³": 1.0, "g/l": 1.0},
 }
 
-#: Words that name a quantity, the better first: a table with several takes the first.
+#: Words that name a quantity, the preferred first.
 _WORDS: dict[str, tuple[str, ...]] = {
     "pwm": ("esc signal", "esc throttle", "pwm", "throttle", "signal", "esc"),
     "voltage": ("voltage", "volts", "volt"),
@@ -67,7 +68,7 @@ _WORDS: dict[str, tuple[str, ...]] = {
 
 _UNIT = re.compile(r"[(\[]\s*([^)\]]*)\s*[)\]]")
 
-#: Thrust below this part of the largest is noise about zero.
+#: Thrust below this part of the largest is noise.
 NOISE = 0.01
 
 
@@ -82,7 +83,7 @@ class BenchTable:
     name: str
     #: ``motor`` (str) and the columns of `COLUMNS` in SI; NaN where not measured. Implausible rows are left out.
     rows: pd.DataFrame
-    density: float | None  #: Air at the stand, kg/m^3, where the table tells it.
+    density: float | None  #: Air at the stand, kg/m^3, where the table has it.
     findings: tuple[Finding, ...]
 
     @property
@@ -113,13 +114,12 @@ def read_bench(paths: Sequence[Path]) -> BenchTable:
         densities += [] if density is None else [density]
     if not parts:
         raise BenchError("no bench table given")
-    kept = []
-    together = pd.concat(parts, ignore_index=True)
-    for motor, rows in together.groupby("motor", sort=False):
-        plausible, more = _plausible(str(motor), rows)
-        kept.append(plausible)
+    plausible = []
+    for motor, rows in pd.concat(parts, ignore_index=True).groupby("motor", sort=False):
+        rows, more = _plausible(str(motor), rows)
+        plausible.append(rows)
         findings += more
-    rows = pd.concat(kept, ignore_index=True)
+    rows = pd.concat(plausible, ignore_index=True)
     if rows.empty:
         why = "; ".join(
             f"{finding.reason}: {finding.advice}" for finding in findings if finding.severity is Severity.WARNING
@@ -134,7 +134,7 @@ def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Find
         text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise BenchError(f"{path}: {error.strerror or error}") from error
-    numbered = [(at, line) for at, line in enumerate(text.splitlines(), start=1) if line.strip(" ,;\t")]
+    numbered = [(number, line) for number, line in enumerate(text.splitlines(), start=1) if line.strip(" ,;\t")]
     lines = [line for _, line in numbered]
     head = next((k for k, line in enumerate(lines) if _assign(_cells(line, line)).keys() >= {"pwm", "thrust"}), None)
     if head is None:
@@ -171,21 +171,18 @@ def _read(path: Path, motor: str) -> tuple[pd.DataFrame, float | None, list[Find
     return rows[measured], float(np.median(air)) if len(air) else None, findings
 
 
-def doubtful(reason: str, advice: str, evidence: dict[str, float | str]) -> Finding:
-    """Warn of what was measured."""
-    return Finding("table-doubtful", Severity.WARNING, reason, advice, evidence)
-
-
 def _unread(file: str, lines: Sequence[int]) -> list[Finding]:
-    """Name the lines without both PWM and thrust."""
+    """Report the lines without both PWM and thrust."""
     if not lines:
         return []
     where = ", ".join(str(line) for line in lines[:5]) + (" ..." if len(lines) > 5 else "")
     return [
-        doubtful(
+        warning(
+            "table-doubtful",
             f"{file}: {len(lines)} row(s) without PWM and thrust as numbers (line {where}); left out",
             "fill in what the stand measured, or delete these lines",
-            {"file": file, "rows": len(lines)},
+            file=file,
+            rows=len(lines),
         )
     ]
 
@@ -199,7 +196,7 @@ def _cells(line: str, header: str) -> list[str]:
 def _assign(header: Sequence[str]) -> dict[str, int]:
     """Find the column of each quantity."""
     plain = [re.sub(r"\s+", " ", _UNIT.sub(" ", name).replace("_", " ").strip().lower()) for name in header]
-    # Words of columns that are something else although they name a quantity.
+    # Words that mark a column as something else although it names a quantity.
     others = re.compile("efficiency|power|limit|cutoff|max|min|std|tare|command rate|kv|temperature")
     result: dict[str, int] = {}
     for quantity, words in _WORDS.items():
@@ -219,7 +216,7 @@ def _assign(header: Sequence[str]) -> dict[str, int]:
 
 
 def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]]:
-    """Factor to SI of a header's unit; without a unit SI, or what the name implies, is assumed and said."""
+    """Return the factor to SI of a header's unit; if it has none, that of an assumed unit, with a finding."""
     written = _UNIT.search(header)
     unit = written[1] if written else (header if quantity == "speed" and "rpm" in header.lower() else "")
     if not written and "_" in header:
@@ -236,12 +233,11 @@ def _factor(quantity: str, header: str, file: str) -> tuple[float, list[Finding]
     if quantity == "speed":
         assumed = "rpm"
     return known[assumed], [] if quantity in ("pwm", "voltage", "current") else [
-        Finding(
+        warning(
             "conditions-assumed",
-            Severity.WARNING,
             f"{file}: column {header!r} carries no unit; {'N m' if assumed == 'nm' else assumed.upper()} is assumed",
             "write units into the header, such as 'Thrust (gf)'",
-            {"column": header},
+            column=header,
         )
     ]
 
@@ -259,7 +255,7 @@ def _motor(cell: str) -> str:
 
 
 def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Finding]]:
-    """Leave implausible rows out, and say so."""
+    """Drop implausible rows, with a finding for each reason."""
     findings: list[Finding] = []
 
     def leave_out(bad: Flags, what: str, advice: str) -> None:
@@ -268,10 +264,12 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
         if count:
             where = ", ".join(f"{pwm:.0f}" for pwm in rows.loc[bad, "pwm"].head(5))
             findings.append(
-                doubtful(
+                warning(
+                    "table-doubtful",
                     f"motor {motor}: {count} row(s) {what} (PWM {where}{' ...' if count > 5 else ''} us); left out",
                     advice,
-                    {"motor": motor, "rows": count},
+                    motor=motor,
+                    rows=count,
                 )
             )
             rows = rows[~bad]
@@ -282,12 +280,10 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     if len(rows) and float(rows["thrust"].median()) < 0.0:
         rows = rows.assign(thrust=-rows["thrust"])
         findings.append(
-            Finding(
+            info(
                 "table-doubtful",
-                Severity.INFO,
                 f"motor {motor}: thrust is counted negative (the stand pulls); its sign is turned",
-                "",
-                {"motor": motor},
+                motor=motor,
             )
         )
     rows = rows.assign(torque=rows["torque"].abs())
@@ -296,17 +292,17 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
     largest = float(rows["thrust"].quantile(0.98))
     negative = rows["thrust"].to_numpy() < -NOISE * largest
     leave_out(negative, "with negative thrust", "tare the load cell before the test")
-    with np.errstate(over="ignore", invalid="ignore"):  # of thrusts that no stand measures
-        left = _surface_residual(rows)
-    scale = robust_sigma(left)
-    far = np.abs(left) > max(6.0 * scale, 0.05 * float(rows["thrust"].max()))
+    with np.errstate(over="ignore", invalid="ignore"):  # absurdly large thrusts
+        residual = _surface_residual(rows)
+    scale = robust_sigma(residual)
+    far = np.abs(residual) > max(6.0 * scale, 0.05 * float(rows["thrust"].max()))
     leave_out(far, "far from the curve of thrust over PWM", "repeat these points")
     findings += _power(motor, rows)
     return rows, findings
 
 
 def _surface_residual(rows: pd.DataFrame) -> Floats:
-    """Thrust less a cubic in PWM that scales with voltage, fitted robustly."""
+    """Return thrust minus a robustly fitted cubic in PWM, with voltage terms if voltage varies."""
     pwm = rows["pwm"].to_numpy()
     x = (pwm - pwm.mean()) / max(float(np.std(pwm)), 1.0)
     columns = [np.ones_like(x), x, x**2, x**3][: min(4, rows["pwm"].round().nunique())]
@@ -316,18 +312,18 @@ def _surface_residual(rows: pd.DataFrame) -> Floats:
         columns += [v, v * x]
     a, y = np.column_stack(columns), rows["thrust"].to_numpy()
     weight = np.ones(len(y))
-    left = y
+    residual = y
     for _ in range(30):
         root = np.sqrt(weight)
-        left = y - a @ np.linalg.lstsq(a * root[:, None], y * root, rcond=1e-10)[0]
-        scale = max(robust_sigma(left), 1e-6 * float(np.abs(y).max()), 1e-12)
-        # Cauchy weights: a row in other units must not pull the curve at all.
-        weight = 1.0 / (1.0 + (left / (2.4 * scale)) ** 2)
-    return np.asarray(left)
+        residual = y - a @ np.linalg.lstsq(a * root[:, None], y * root, rcond=1e-10)[0]
+        scale = max(robust_sigma(residual), 1e-6 * float(np.abs(y).max()), 1e-12)
+        # Cauchy weights, so that a row in other units does not pull the curve.
+        weight = 1.0 / (1.0 + (residual / (2.4 * scale)) ** 2)
+    return np.asarray(residual)
 
 
 def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
-    """Compare shaft power with electrical power."""
+    """Report a shaft power above the electrical power."""
     shaft = (rows["torque"] * rows["speed"]).to_numpy()
     electric = (rows["voltage"] * rows["current"]).to_numpy()
     known = np.isfinite(shaft) & np.isfinite(electric) & (electric > 5.0)
@@ -335,9 +331,11 @@ def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
     if ratio <= 1.0:
         return []
     return [
-        doubtful(
+        warning(
+            "table-doubtful",
             f"motor {motor}: the shaft gives {ratio:.1f} times the power that the battery puts in",
             "check the units of torque, speed and current, and the motor's pole count",
-            {"motor": motor, "ratio": ratio},
+            motor=motor,
+            ratio=ratio,
         )
     ]

@@ -1,9 +1,9 @@
-"""A model judged by purpose: prediction some seconds ahead, free simulation of whole flights, its parameters.
+"""Assessment of a model by purpose: prediction some seconds ahead, free simulation of whole flights, parameters.
 
-One word for all three misleads: a rigid body that drifts away over a minute may be right a second ahead, and one axis
-that is wrong by ten times spoils a free run however good the others are. Each use has its own answer, with the number
-that it rests on, on flights that the model was not fitted to. Flights that leave the envelope of those fitted are
-counted apart: there a model extrapolates.
+One verdict for all three misleads: a rigid body that drifts away over a minute may be right a second ahead, and one
+axis that is wrong by ten times spoils a free run however good the others are. Each use has its own verdict, with the
+number that supports it, from held-out flights. Flights outside the envelope of the training flights are counted
+separately, because there a model extrapolates.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ import pandas as pd
 
 from sysid.validation.uses import FEWEST_HELD_OUT, NO_MODEL, FreeRunUse, ParameterUse, PredictionUse, Trust, Uses
 
-#: Part of a reach from which on its standard error says that nothing is known of it.
+#: Relative standard error from which on a reach is not stated.
 VAGUE = 0.5
 
-#: A free run follows a flight when its error is below half of the flight's RMS movement: 50 per cent of fit.
+#: Fit from which on a free run follows a flight: an error below half of the flight's RMS movement.
 CLOSE_PERCENT = 50.0
 
-#: A model beats a baseline when its error is at least this part smaller; less is chance.
+#: Relative reduction of a baseline's error that is more than chance.
 MARGIN = 0.05
 
-#: Part of the error of constant position and of constant velocity below which a prediction is worth having.
+#: Part of the error of constant position and of constant velocity below which a prediction is useful.
 HALF = 0.5
 
-#: Shortest held-out record that can judge a free run, s: the first three seconds give the initial state.
+#: Shortest held-out record for a free run, s: the first three seconds give the initial state.
 SHORTEST_HELD_OUT = 10.0
 
 
@@ -39,7 +39,7 @@ def uses_of(
     horizons: pd.DataFrame | None = None,
     outside: Set[str] = frozenset(),
 ) -> Uses:
-    """Judge a model by purpose, from the tables of its validation; flights `outside` of the fitted envelope apart."""
+    """Assess a model by purpose, from its validation; flights `outside` the training envelope count separately."""
     prediction, free_run = PredictionUse(), FreeRunUse(trust=Trust.UNKNOWN, reason=NO_MODEL)
     if free_runs is not None:
         free_run = _free_run(free_runs, outside)
@@ -57,7 +57,7 @@ def _held_out(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _prediction(table: pd.DataFrame, seconds: float) -> PredictionUse:
-    """Find how far ahead every axis beats constant position and constant velocity by half, in so many seconds."""
+    """Find how far ahead every axis halves the error of constant position and velocity, from `seconds` of flight."""
     columns = ["rmse", "rmse_constant_position", "rmse_constant_velocity"]
     means = table.groupby(["horizon", "output"], sort=False)[columns].mean().reset_index()
     means["excess"] = np.log(means["rmse"] / (HALF * means[columns[1:]].min(axis=1)))
@@ -76,22 +76,22 @@ def _prediction(table: pd.DataFrame, seconds: float) -> PredictionUse:
 
 
 def _reach(excess: pd.Series, seconds: float) -> tuple[float | None, float | None]:
-    """Find where the error of the worst axis passes half of the baselines', between horizons, and its standard error.
+    """Interpolate where the error of the worst axis reaches half of the baselines', with its standard error.
 
-    Logarithms are interpolated. The logarithm of an RMS error of n predictions that have nothing in common, those one
-    horizon apart, has the standard error 1 / sqrt(2 n); that of a ratio of two, taken as independent, 1 / sqrt(n).
+    Logarithms are interpolated. The logarithm of the RMS error of n independent predictions, those one horizon apart,
+    has the standard error 1 / sqrt(2 n); that of the ratio of two, taken as independent, 1 / sqrt(n).
     """
     if len(excess) < 2 or not np.isfinite(excess).all() or excess.iloc[1] <= excess.iloc[0]:
         return None, None
     (below, above), (last, after) = excess.to_numpy(), excess.index.to_numpy(float)
     slope = (above - below) / np.log(after / last)
     reach = float(last * np.exp(-below / slope))
-    part = float(max(seconds / reach, 1.0) ** -0.5 / slope)
-    return (reach, reach * part) if part < VAGUE else (None, None)
+    relative = float(max(seconds / reach, 1.0) ** -0.5 / slope)
+    return (reach, reach * relative) if relative < VAGUE else (None, None)
 
 
 def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
-    """Judge the free run on held-out flights, those outside the fitted envelope apart."""
+    """Assess the free run on held-out flights, those outside the training envelope separately."""
     scored = _held_out(table)
     if scored.empty:
         return FreeRunUse(trust=Trust.UNKNOWN, reason="The model is not judged: every flight was used to fit it")
@@ -105,18 +105,18 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
     means = {str(output): {str(k): float(v) for k, v in row.items()} for output, row in averaged.iterrows()}
     ratios = {output: _ratio(means[output]) for output in outputs}
     fit = chosen.groupby("output", sort=False)["fit_percent"].mean()
-    trained = table[table["trained"].astype(bool)]
-    own = trained.groupby("output", sort=False)["fit_percent"].mean()
+    training = table[table["trained"].astype(bool)]
+    own = training.groupby("output", sort=False)["fit_percent"].mean()
     follows = tuple(
         output
         for output in outputs
-        # What does not even follow the flight that it was fitted to is right elsewhere by luck.
-        if fit[output] >= CLOSE_PERCENT and _beats(means[output]) and not (output in own and not own[output] > 0.0)
+        # An output that does not even follow the training flights is right on others by chance.
+        if fit[output] >= CLOSE_PERCENT and _beats(means[output]) and (output not in own or own[output] > 0.0)
     )
     fits = {str(flight): rows["fit_percent"].to_list() for flight, rows in scored.groupby("flight", sort=False)}
-    followed = {flight for flight, percents in fits.items() if all(percent >= CLOSE_PERCENT for percent in percents)}
+    followed = {flight for flight, values in fits.items() if all(value >= CLOSE_PERCENT for value in values)}
     within, beyond = fits.keys() - outside, fits.keys() & outside
-    good = [percent for flight in followed & within for percent in fits[flight]]
+    percents = [percent for flight in followed & within for percent in fits[flight]]
     complete = set(follows) == set(outputs)
     as_good = tuple(output for output in outputs if _as_good_as_target(means[output]))
     run = FreeRunUse(
@@ -125,7 +125,7 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
         follows=follows,
         as_good_as_target=as_good,
         better_than_target=tuple(o for o in outputs if o not in as_good and _beats_target(means[o])),
-        fit_percent=(min(good), max(good)) if good else None,
+        fit_percent=(min(percents), max(percents)) if percents else None,
         flights_within=len(within),
         followed_within=len(followed & within),
         flights_outside=len(beyond),
@@ -138,19 +138,19 @@ def _free_run(table: pd.DataFrame, outside: Set[str]) -> FreeRunUse:
     elif complete:
         trust = Trust.LIMITED
     elif chosen["flight"].nunique() < FEWEST_HELD_OUT:
-        # A single record must hold in every axis.
+        # A single record must be followed in every axis.
         trust = Trust.LIMITED if follows and set(follows) | set(run.excused) == set(outputs) else Trust.NO
     else:
         trust = Trust.LIMITED if follows else Trust.NO
     return replace(run, trust=trust)
 
 
-#: Errors of free runs and of what could be said without a model.
+#: Errors of free runs and of baselines without a model.
 _ERRORS = ("rmse", "rmse_mean", "rmse_constant_position", "rmse_constant_velocity", "rmse_reference")
 
 
 def _within(table: pd.DataFrame, outside: Set[str]) -> pd.DataFrame:
-    """Leave flights outside the envelope out, unless nothing else is there."""
+    """Drop flights outside the envelope, unless there are no others."""
     inside = table[~table["flight"].isin(list(outside))]
     return inside if len(inside) else table
 
@@ -166,7 +166,7 @@ def _beats(errors: Mapping[str, float]) -> bool:
 
 
 def _as_good_as_target(errors: Mapping[str, float]) -> bool:
-    """Return whether a model and the target itself err alike."""
+    """Return whether the model's error equals that of the target itself, within `MARGIN`."""
     target = errors.get("rmse_reference", float("nan"))
     return bool(np.isfinite(target)) and abs(errors["rmse"] - target) <= MARGIN * target
 
@@ -176,7 +176,7 @@ def _beats_target(errors: Mapping[str, float]) -> bool:
 
 
 def _determined(model: object | None) -> Iterator[bool]:
-    """Return of each parameter or coefficient of a model whether it is determined."""
+    """Yield for each parameter or coefficient of a model whether it is determined."""
     parameters: Any = getattr(model, "parameters", None)
     if isinstance(parameters, Mapping):
         yield from (bool(parameter.determined) for parameter in parameters.values())
