@@ -21,7 +21,7 @@ _Heights = Mapping[str, "pd.Series[float]"]
 
 
 class _Interval(Protocol):
-    """A stretch of time, s."""
+    """A time span, s."""
 
     @property
     def start(self) -> float: ...

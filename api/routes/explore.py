@@ -77,7 +77,7 @@ def read_signals(
         bool, Query(description="Answer with amplitudes by frequency; `points` does not matter.")
     ] = False,
 ) -> Signals:
-    """Evaluate signals over a stretch of time; of many samples the smallest and largest of each stretch are kept."""
+    """Evaluate signals over a time span; of many samples the smallest and largest of each stretch are kept."""
     if any(value is not None and not math.isfinite(value) for value in (start, stop)):
         raise ProblemError(Problem.of_status(HTTPStatus.UNPROCESSABLE_ENTITY, "start and stop must be numbers."))
     asked = (path, log.name, signal, start, stop)

@@ -1,4 +1,4 @@
-"""Which part of what a craft can fly its models were fitted to and judged in, and where judging flights leave it."""
+"""Envelope of the training and held-out flights of a craft, and where held-out flights leave it."""
 
 from __future__ import annotations
 

@@ -295,7 +295,7 @@ def _thrust(
 
 
 def _nothing_fitted(begun: FlightResult, reason: str) -> FlightResult:
-    """Return that nothing was fitted, since there is no flight, trajectory or experiment."""
+    """Report that nothing was fitted, since there is no flight, trajectory or experiment."""
     failure = Failure("experiment", reason)
     return replace(begun, thrust=failure, parameters=failure)
 

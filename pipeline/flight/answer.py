@@ -89,7 +89,7 @@ _FAILSAFES: Mapping[str, Picture] = {"FAILSAFE_BATTERY": Picture.BATTERY, "FAILS
 
 
 def picture_of(result: FlightResult) -> tuple[Picture, Span | None]:
-    """Choose the plot of the first screen, and the stretch of time that it shows; None for the whole flight."""
+    """Choose the plot of the first screen, and the time span that it shows; None for the whole flight."""
     account, flight = present(result.account), present(result.flight)
     if account is not None and flight is not None and (cause := account.cause) is not None:
         last = account.story[-1]

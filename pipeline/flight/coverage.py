@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-#: Rate at which a flight is counted out into bins, Hz: that of motor outputs.
+#: Rate at which coverage is computed, Hz: that of motor outputs.
 RATE = 10.0
 
 #: Height below which the wind is that of this height, m, as in the equations of motion.

@@ -90,7 +90,7 @@ def free_runs(
 
 
 def without_model(kind: ModelKind, failure: Failure) -> ModelResult:
-    """Return that a kind of model could not be fitted."""
+    """Report that a kind of model could not be fitted."""
     return model_result(kind.key, kind.title, failure, note=kind.note)
 
 

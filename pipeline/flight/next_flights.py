@@ -283,7 +283,7 @@ def _axes(total: int, determined: Collection[str]) -> Iterator[Advice]:
 
 
 def _extrapolated(envelope: Envelope) -> Iterator[Advice]:
-    """Name what judging flights did that no training flight did."""
+    """Recommend training flights where held-out flights left the training envelope."""
     flights = [str(finding.evidence["flight"]) for finding in envelope.findings]
     if not flights:
         return

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from core.findings import warning
 from logparse import Finding, FlightLog, RotoridError, Severity
 from pipeline.results.fleet import ResponseCurve
 from pipeline.results.rotation import (
@@ -102,12 +103,11 @@ def _contradiction(log: FlightLog, axis: str) -> str | None:
 
 
 def _not_flown(axis: str, reason: str) -> Finding:
-    return Finding(
+    return warning(
         "parameters-not-flown",
-        Severity.WARNING,
         f"The margins of the {axis} loop are not computed: {reason}.",
         "Look at the parameters on the craft; another fault of the log (edited, or of two flights) looks the same.",
-        {"axis": axis},
+        axis=axis,
     )
 
 

@@ -46,7 +46,7 @@ class PhaseKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """A stretch of time in which the craft did one thing, s on the log's boot clock; None for an end of the log."""
+    """A time span in which the craft did one thing, s on the log's boot clock; None for an end of the log."""
 
     kind: PhaseKind
     start: float | None

@@ -74,7 +74,7 @@ class Answer:
 
     lines: tuple[AnswerLine, ...]  #: What happened, state, loops, parameters, models.
     picture: Picture  #: The plot to show beside them.
-    around: Span | None = None  #: The stretch of time that matters in it; None for the whole flight.
+    around: Span | None = None  #: The time span that matters in it; None for the whole flight.
     next: str = ""  #: What to do next, in a sentence or two.
 
     def line(self, purpose: str) -> AnswerLine | None:

@@ -1,4 +1,4 @@
-"""A stretch of time of a log."""
+"""A time span of a log."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ else:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A stretch of time on the log's boot clock, s."""
+    """A time span on the log's boot clock, s."""
 
     start: float
     stop: float

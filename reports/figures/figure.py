@@ -244,7 +244,7 @@ def time_axis(span: Span | None, title: str = "time on the log’s clock (s)") -
 
 
 def margin(span: Span | None) -> Span | None:
-    """Widen a stretch of time a little, so that its ends do not lie on the frame of a plot."""
+    """Widen a time span a little, so that its ends do not lie on the frame of a plot."""
     return None if span is None else Span(span.start - 0.02 * span.duration, span.stop + 0.02 * span.duration)
 
 
@@ -267,7 +267,7 @@ def limit_line(value: float, axis: str) -> Drawn:
 
 
 def band_label(span: Span, text: str) -> Drawn:
-    """Name a tinted stretch of time above the plot."""
+    """Name a tinted time span above the plot."""
     place = {"x": span.start, "y": 1, "xref": "x", "yref": "paper", "xanchor": "left", "yanchor": "bottom"}
     return place | {"text": plotly_text(text), "showarrow": False, "font": {"size": 11, "color": "@quiet"}}
 

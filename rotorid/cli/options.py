@@ -39,7 +39,7 @@ def folder_of(path: str | Path) -> Path:
 
 
 def stretch(start: float | None, end: float | None) -> tuple[float | None, float | None]:
-    """Check a stretch of time on the log's clock; None where the log's own end is meant."""
+    """Check a time span on the log's clock; None where the log's own end is meant."""
     for option, value in (("--start", start), ("--end", end)):
         if value is not None and not math.isfinite(value):
             raise typer.BadParameter(f"{option} {value:g} is no time")
@@ -48,7 +48,7 @@ def stretch(start: float | None, end: float | None) -> tuple[float | None, float
     return start, end
 
 
-#: A stretch of time; shared by the commands that show or write one.
+#: A time span; shared by the commands that show or write one.
 Start = Annotated[float | None, typer.Option(help="Leave out what was before, s on the log's clock.")]
 End = Annotated[float | None, typer.Option(help="Leave out what was after, s on the log's clock.")]
 

@@ -221,7 +221,7 @@ def stick_values(tuning: Tuning, gains: Mapping[str, Parameter], flown: Mapping[
 
 
 def _bounded(name: str, bound: Parameter, flown: Mapping[str, float], kept: bool) -> list[AutopilotValue]:
-    """Return that what flew keeps a bound, or the bound itself."""
+    """Return the bound, or that the value flown keeps it."""
     if kept:
         return refused([name], ParameterFile.GAINS, flown, f"within {bound}, {bound.reason}", right=True)
     return decided({name: bound}, ParameterFile.GAINS, flown)

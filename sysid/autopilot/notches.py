@@ -292,7 +292,7 @@ def _proposed_path(study: NotchStudy, low_pass: float = 0.0) -> GyroPath:
 
 
 def _hidden(study: NotchStudy, loops: Mapping[str, RateLoop]) -> str | None:
-    """Return that a loop cannot fly behind the notch that is proposed: what flew may hide a mode of the frame."""
+    """Report that a loop would be unstable with the proposed notch: the filters flown may hide a mode of the frame."""
     for axis, loop in loops.items():
         left, flown = _margins_with(study, loop), loop.margins
         if flown.gain_db.value is None or not flown.stable:

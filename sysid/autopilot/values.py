@@ -45,7 +45,7 @@ class AutopilotValue:
     now: float | None  #: As flown; None where the log does not tell.
     #: What to set, with its sigma and reason; its value is None where nothing is proposed, and the reason says why.
     proposed: Parameter
-    right: bool = False  #: Whether what flew was found right.
+    right: bool = False  #: Whether the value flown was confirmed.
 
     @property
     def shown(self) -> str:
@@ -76,7 +76,7 @@ class AutopilotValues(Summarised):
         return {value.name: value.proposed.value for value in self.values if value.proposed.value is not None}
 
     def table(self) -> Table:
-        """Show every parameter beside what flew, with the reason of each."""
+        """Return the table of every parameter, proposed and flown, with its reason."""
         rows: list[Row] = []
         for file in ParameterFile:
             own = [value for value in self.values if value.file is file]
@@ -163,7 +163,7 @@ def _axis(name: str) -> str:
 def decided(
     parameters: Mapping[str, Parameter], file: ParameterFile, flown: Mapping[str, float]
 ) -> list[AutopilotValue]:
-    """Return values that are set together: all of them, or none where none differs from what flew by its errors."""
+    """Return values that are set together: all, or none if all equal those flown within their errors."""
     if all(_as_flown(flown.get(name), parameters[name]) for name in parameters):
         stays = {name: f"within the error of what flew: {parameters[name]}" for name in parameters}
         return [one for name in parameters for one in refused([name], file, flown, stays[name], right=True)]

@@ -16,11 +16,10 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from core.findings import warning
 from core.robust import robust_sigma
 from core.units import STANDARD_GRAVITY
 from logparse import Finding
-from sysid.bench.table import BenchError
+from sysid.bench.table import BenchError, table_warning
 
 #: An inertia whose standard uncertainty exceeds this part of it is not determined.
 DETERMINED = 0.5
@@ -120,8 +119,7 @@ def bifilar(
     most = mass * (5.0 * threads.distance) ** 2
     if inertia > most:
         findings.append(
-            warning(
-                "table-doubtful",
+            table_warning(
                 f"inertia {inertia:.3g} kg m^2 would need all {mass:g} kg to sit more than "
                 f"{5.0 * threads.distance:.2g} m from the axis",
                 "check that the times are in seconds, and the number of oscillations and the lengths",
@@ -132,8 +130,7 @@ def bifilar(
     if relative > DETERMINED:
         worst = max(parts, key=lambda name: parts[name])
         findings.append(
-            warning(
-                "table-doubtful",
+            table_warning(
                 f"the inertia is known to {100.0 * relative:.0f} % only, most of it from the {worst} "
                 f"({100.0 * parts[worst]:.0f} %): it is not determined",
                 f"measure the {worst} better",
@@ -197,8 +194,7 @@ def check_thread(
     findings: tuple[Finding, ...] = ()
     if abs(off) > 0.02:
         findings = (
-            warning(
-                "table-doubtful",
+            table_warning(
                 f"the simple pendulum gives g = {measured:.2f} m/s^2, {100.0 * off:+.1f} %: the thread is "
                 f"{true_length:.3f} m long rather than {length:.3f} m, or swings were miscounted",
                 "measure from the suspension to the centre of gravity; inertia errs by as much",
@@ -235,8 +231,7 @@ def _periods(times: Sequence[float], oscillations: int, axis: str) -> tuple[np.n
     if np.count_nonzero(~bad) < 2:
         raise BenchError(f"{label}times of {oscillations} swings disagree: {', '.join(f'{t:g}' for t in times)} s")
     return periods[~bad], [
-        warning(
-            "table-doubtful",
+        table_warning(
             f"{label}{np.count_nonzero(bad)} time(s) differ by about a swing from the others "
             f"({', '.join(f'{t:g}' for t in np.asarray(times)[bad])} s); left out",
             "count again",

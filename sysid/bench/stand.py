@@ -19,8 +19,9 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from core.findings import info, warning
 from core.parameter import Parameter
-from logparse import Finding, Severity, Vehicle
+from logparse import Finding, Vehicle
 from sysid.bench.table import NOISE, BenchError, BenchTable
 from sysid.records.experiment import Floats
 from sysid.records.motor_scaling import motor_commands
@@ -282,9 +283,8 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
     if air is None:
         air = REFERENCE_DENSITY
         findings.append(
-            Finding(
+            info(
                 "conditions-assumed",
-                Severity.INFO,
                 f"the air at the stand is not known; coefficients are taken to hold at {REFERENCE_DENSITY} kg/m^3",
                 "give the density (--density): pressure [Pa] / (287.05 (273.15 + deg C))",
             )
@@ -309,27 +309,24 @@ def analyse_bench(table: BenchTable, density: float | None = None) -> Bench:
     voltages = voltages_tested(table.rows)
     if not voltages:
         findings.append(
-            Finding(
+            warning(
                 "conditions-assumed",
-                Severity.WARNING,
                 "the table has no battery voltage: coefficients hold for the unknown voltage of the test only",
                 "record the voltage",
             )
         )
     elif len(voltages) == 1:
         findings.append(
-            Finding(
+            info(
                 "conditions-assumed",
-                Severity.INFO,
                 f"tested at {voltages[0]:.4g} V only: how coefficients and trim follow the battery is not determined",
                 "repeat the test with the battery half and nearly empty",
             )
         )
     if table.rows["speed"].isna().all():
         findings.append(
-            Finding(
+            warning(
                 "conditions-assumed",
-                Severity.WARNING,
                 "no rotor speeds were measured, so that k and b per square of speed are not determined; trim and the "
                 "thrust curve over PWM are",
                 "measure speed (optical probe, or ESC)",
@@ -408,13 +405,13 @@ def weak_motors(levels: Mapping[str, tuple[Level, ...]]) -> list[Finding]:
         ratio = float(np.median(curve[strong] / usual[strong])) if strong.any() else 1.0
         if ratio < 0.9:
             findings.append(
-                Finding(
+                warning(
                     "uneven-motor",
-                    Severity.WARNING,
                     f"motor {motor} gives {100.0 * (1.0 - ratio):.0f} % less thrust on the stand than the others at "
                     "the same PWM",
                     "check propeller, bearings and ESC calibration",
-                    {"motor": motor, "ratio": ratio},
+                    motor=motor,
+                    ratio=ratio,
                 )
             )
     return findings

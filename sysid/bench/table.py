@@ -13,6 +13,7 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,9 @@ _WORDS: dict[str, tuple[str, ...]] = {
 }
 
 _UNIT = re.compile(r"[(\[]\s*([^)\]]*)\s*[)\]]")
+
+#: Warning of an implausible measurement.
+table_warning = partial(warning, "table-doubtful")
 
 #: Thrust below this part of the largest is noise.
 NOISE = 0.01
@@ -177,8 +181,7 @@ def _unread(file: str, lines: Sequence[int]) -> list[Finding]:
         return []
     where = ", ".join(str(line) for line in lines[:5]) + (" ..." if len(lines) > 5 else "")
     return [
-        warning(
-            "table-doubtful",
+        table_warning(
             f"{file}: {len(lines)} row(s) without PWM and thrust as numbers (line {where}); left out",
             "fill in what the stand measured, or delete these lines",
             file=file,
@@ -264,8 +267,7 @@ def _plausible(motor: str, rows: pd.DataFrame) -> tuple[pd.DataFrame, list[Findi
         if count:
             where = ", ".join(f"{pwm:.0f}" for pwm in rows.loc[bad, "pwm"].head(5))
             findings.append(
-                warning(
-                    "table-doubtful",
+                table_warning(
                     f"motor {motor}: {count} row(s) {what} (PWM {where}{' ...' if count > 5 else ''} us); left out",
                     advice,
                     motor=motor,
@@ -331,8 +333,7 @@ def _power(motor: str, rows: pd.DataFrame) -> list[Finding]:
     if ratio <= 1.0:
         return []
     return [
-        warning(
-            "table-doubtful",
+        table_warning(
             f"motor {motor}: the shaft gives {ratio:.1f} times the power that the battery puts in",
             "check the units of torque, speed and current, and the motor's pole count",
             motor=motor,

@@ -109,7 +109,7 @@ class Chirp:
 
 
 def find_chirps(log: FlightLog, within: Within | None = None) -> tuple[Chirp, ...]:
-    """Find the runs of SYSTEMID mode in a log, or of those within a stretch of time [s] of it, in order.
+    """Find the runs of SYSTEMID mode in a log, or of those within a time span [s] of it, in order.
 
     Of a log whose flight was chosen (`FlightLog.of_flight`) only those of this flight are found. A run ends where its
     clock (SIDD.Time) starts again, where the axis changes, or where SIDD pauses. Without SIDS the parameter SID_AXIS

@@ -277,7 +277,7 @@ def _refusal(parameters: Mapping[str, Parameter], model: FrequencyFit) -> str:
 
 
 def _power_refusal(response: FrequencyResponse, gain: float) -> str:
-    """Return that thrust would follow no power of the throttle that there is; empty where it may, or none is known."""
+    """Report that thrust would follow no power of the throttle that there is; empty where it may, or none is known."""
     power = gain / response.trim if response.trim else 1.0
     if _POWERS[0] < power < _POWERS[1]:
         return ""

@@ -192,7 +192,7 @@ def flight_record(source: LogSignals, signals: RateSignals, axis: Axis) -> AxisR
 
 
 def _twitched(log: FlightLog, axis: Axis, start: float, stop: float) -> bool:
-    """Return whether AutoTune turned a craft in a stretch of time [s]."""
+    """Return whether AutoTune turned a craft in a time span [s]."""
     modes = log.tables.modes
     if modes is None or not axis.attitude:
         return False

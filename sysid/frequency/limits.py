@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from core.findings import info, warning
 from logparse import Finding, FlightLog, Severity
 from logparse.craft.log_settings import Need, bit_to_set
 from sysid.frequency.records import AxisRecord
@@ -25,22 +26,21 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
     slowest = max(record.dt for record in records)
     if 1.0 / slowest < FOLDING:
         findings.append(
-            Finding(
+            warning(
                 "not-logged",
-                Severity.WARNING,
                 f"The rate loop was logged at {1.0 / slowest:.0f} Hz: what happens above {0.5 / slowest:.0f} Hz folds "
                 "into the frequencies below.",
                 _sentence(Need.FAST_RATES, logs[0]) if logs else "",
-                {"what": "fast rates", "rate_hz": 1.0 / slowest},
+                what="fast rates",
+                rate_hz=1.0 / slowest,
             )
         )
     for log in logs:
         if log.tables.motors is None or not len(log.tables.motors):
             unknown = "RCOU" in log.messages and not log.vehicle.motors
             findings.append(
-                Finding(
+                info(
                     "not-logged",
-                    Severity.INFO,
                     f"{log.path.name} {'does not tell which outputs are motors' if unknown else 'has no motor outputs'}"
                     ": whether motors were at their limits, which makes gains "
                     "too small, is not known.",
@@ -51,20 +51,19 @@ def limits_of(records: Sequence[AxisRecord], logs: Sequence[FlightLog]) -> list[
         share = share_at_limits(log, records)
         if share > _SATURATED:
             findings.append(
-                Finding(
+                warning(
                     "motors-at-limits",
-                    Severity.WARNING,
                     f"In {100.0 * share:.0f} % of the samples of {log.path.name} a motor was at a limit, where it "
                     "gives less than the controller asks for: gains are too small.",
                     "Use a smaller SID_MAGNITUDE, or fly with less weight.",
-                    {"share": share},
+                    share=share,
                 )
             )
     return findings
 
 
 def reversed_answer(frf: FrequencyResponse) -> list[Finding]:
-    """Return that an axis turns against its command, which no craft that flies does; nothing where it does not."""
+    """Report that an axis turns against its command, which no craft that flies does; nothing where it does not."""
     hz, answer = frf.hz[frf.usable], frf.response[frf.usable]
     slow = slice(None, max(len(hz) // 3, 1))  # delays have not turned it yet
     if len(hz) < 8 or not np.median((answer[slow] * 2j * np.pi * hz[slow]).real) < 0.0:

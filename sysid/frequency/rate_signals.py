@@ -50,7 +50,7 @@ class RateSignals:
         return float(np.median(np.diff(self.t)))
 
     def within(self, start: float, stop: float) -> slice:
-        """Return which rows lie within a stretch of time."""
+        """Return which rows lie within a time span."""
         return slice(np.searchsorted(self.t, start), np.searchsorted(self.t, stop, side="right"))
 
     def knows(self, name: str, rows: slice) -> bool:

@@ -319,7 +319,7 @@ def _aligned(chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | 
 
 
 def other_rate(log: FlightLog, claimed: float) -> str | None:
-    """Return that the loop ran at another rate than SCHED_LOOP_RATE."""
+    """Report that the loop ran at another rate than SCHED_LOOP_RATE."""
     if "PM" in log.messages and "LR" in log.messages["PM"]:
         rates = log.messages["PM"]["LR"].to_numpy(np.float64)
         rates = rates[np.isfinite(rates) & (rates > 0.0)]

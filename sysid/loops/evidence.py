@@ -239,7 +239,7 @@ def limited_chirp(log: FlightLog, axis: str) -> str | None:
 
 
 def motors_limited(log: FlightLog, loop: RateLoop) -> str | None:
-    """Return that motors were at a limit during the axis' chirps: what they give then is not what was asked of them."""
+    """Report that motors were at a limit during the axis' chirps: what they give then is not what was asked of them."""
     share = share_at_limits(log, [record.plant for record in loop.records])
     if share <= SATURATED:
         return None
@@ -250,7 +250,7 @@ def motors_limited(log: FlightLog, loop: RateLoop) -> str | None:
 
 
 def sagged(log: FlightLog, axis: str) -> str | None:
-    """Return that the battery sank so far during the axis' chirps that the craft answered unlike at their two ends."""
+    """Report that the battery sank so far during the axis' chirps that the craft answered unlike at their two ends."""
     battery = log.tables.battery
     if battery is None or log.vehicle.battery_voltage_max > 0.0:
         return None

@@ -42,7 +42,7 @@ def other_craft(before: FlightLog, after: FlightLog) -> str | None:
 
 
 def other_load(before: FlightLog, after: FlightLog) -> str | None:
-    """Return that two flights of one craft were not carried by one thrust: another payload, or other propellers."""
+    """Report that two flights of one craft were not carried by one thrust: another payload, or other propellers."""
     first, second = (_lift(log, before.vehicle) for log in (before, after))
     if not max(first, second) > _OTHER_LOAD * min(first, second):
         return None

@@ -91,7 +91,7 @@ def may_raise(loop: RateLoop) -> tuple[float, ...]:
 
 
 def bends_at_its_end(loop: RateLoop) -> str | None:
-    """Return that the response turns at its end as by a mode of the frame there, of which little is known then.
+    """Report that the response turns at its end as by a mode of the frame there, of which little is known then.
 
     Up to a fifth below a mode its gain rises or falls more steeply, or its phase forward, than lags and delays let it.
     """

@@ -90,7 +90,7 @@ def angles_of(quaternions: Floats) -> dict[str, Floats]:
 def shared_context(
     contexts: Iterable[pd.DataFrame | None], trajectory: Trajectory, tables: Tables, t: Floats
 ) -> pd.DataFrame:
-    """Return that of the same flight's contexts which has the clock `t` (N,) [s]; else a new one."""
+    """Return the context of the same flight with the clock `t` (N,) [s], made if there is none."""
     same = (context for context in contexts if context is not None and np.array_equal(context.index, t))
     shared = next(same, None)
     return flight_context(trajectory, tables, t) if shared is None else shared

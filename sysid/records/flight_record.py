@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 import pandas as pd
 
+from core.findings import info, warning
 from logparse import Finding, MissingDataError, Severity, Vehicle
 from logparse.tables import between
 from sysid.records import MIN_SAMPLES, Floats
@@ -90,21 +91,19 @@ def record_flight(
         context = context.assign(height=ground - resample_frame(states[["p_d"]], t)[:, 0])
     if not has_pressure(log.tables) and context["density"].notna().all():
         more.append(
-            Finding(
+            info(
                 "conditions-assumed",
-                Severity.INFO,
                 "without a barometer the air's density is that of the standard atmosphere at the craft's altitude "
                 f"({context['density'].mean():.3f} kg/m^3)",
                 "log the barometer (BARO, or SCALED_PRESSURE in telemetry)",
-                {"density": float(context["density"].mean())},
+                density=float(context["density"].mean()),
             )
         )
     unknown = trajectory.unknown_position(start, stop)
     if unknown:
         more.append(
-            Finding(
+            warning(
                 POSITION_UNKNOWN,
-                Severity.WARNING,
                 f"{unknown}.",
                 "Wait for a 3-D fix before take-off, and log GPS; height, attitude and rates are known without.",
             )
@@ -171,14 +170,14 @@ def _steps(source: Inputs, start: float, stop: float) -> list[Finding]:
     if not len(inside):
         return []
     return [
-        Finding(
+        warning(
             "reference-doubtful",
-            Severity.WARNING,
             f"{source.title} jump {len(inside)} time(s), by up to {float(inside.max()):.1f} m, as waypoints do: "
             "between them the autopilot shapes a path that this log does not have, and a linear model takes its "
             "limits of speed and acceleration for slowness",
             "use the DataFlash log of the flight; its PSCN, PSCE and PSCD have the path",
-            {"steps": len(inside), "largest": float(inside.max())},
+            steps=len(inside),
+            largest=float(inside.max()),
         )
     ]
 
@@ -247,12 +246,11 @@ def _usable(source: Inputs, kind: str, start: float, stop: float) -> tuple[pd.Da
     if not empty or kind in _WHOLE:
         return signals, []
     return signals.drop(columns=empty), [
-        Finding(
+        warning(
             "not-logged",
-            Severity.WARNING,
             f"no output was logged in flight for {names}; left out",
             "check SERVOn_FUNCTION of these motors",
-            {"motors": names},
+            motors=names,
         )
     ]
 
@@ -288,12 +286,12 @@ def _longest_piece(
         start,
         stop,
         [
-            Finding(
+            warning(
                 "log-gaps",
-                Severity.WARNING,
                 f"{what}; {stop - start:.1f} of {whole:.1f} s in one piece are used",
-                "",
-                {"gaps": len(inside), "restarts": restarts, "used_seconds": stop - start},
+                gaps=len(inside),
+                restarts=restarts,
+                used_seconds=stop - start,
             )
         ],
     )

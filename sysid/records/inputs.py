@@ -34,6 +34,7 @@ import numpy as np
 import pandas as pd
 import pymap3d
 
+from core.findings import info, warning
 from logparse import Finding, MissingDataError, Severity, Tables, Vehicle
 from logparse.tables import framed
 from sysid.records import Floats
@@ -137,9 +138,8 @@ def _rate_outputs(tables: Tables) -> Inputs:
         values = np.interp(t, throttle.index.to_numpy(np.float64), throttle.to_numpy())
         signals = signals.assign(throttle=np.where(inside, values, np.nan))
         findings.append(
-            Finding(
+            info(
                 "not-logged",
-                Severity.INFO,
                 "RATE does not log the throttle; it is taken from CTUN, which is slower",
                 "log the rate controller at the rate of the loop (rotorid inspect names the setting)",
             )
@@ -225,9 +225,8 @@ def _velocity_reference(tables: Tables) -> Inputs:
     if (targets is None or len(targets) < 2) and table is not None:
         targets = table[corrected].dropna()
         findings = (
-            Finding(
+            warning(
                 "reference-doubtful",
-                Severity.WARNING,
                 "this log has velocity targets only after the position controller added its correction; they contain "
                 "the measured position, so that a free run from them is no test of a model",
                 "firmware since 4.1 logs the velocity asked for apart (PSCN.DVN)",

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from core.findings import info, warning
 from core.parameter import Parameter
 from core.robust import robust_sigma
-from logparse import Finding, MissingDataError, Severity, Vehicle
+from logparse import Finding, MissingDataError, Vehicle
 from sysid.records.excitation import examine
 from sysid.records.experiment import Experiment, ExperimentError, Floats
 from sysid.records.motor_scaling import motor_commands
@@ -235,14 +236,14 @@ def changed_in_flight(blocks: Blocks, fitted: Floats) -> list[Finding]:
     if abs(change) < max(CHANGED, CHANGED_SIGMAS * scatter):
         return []
     return [
-        Finding(
+        warning(
             THRUST_CHANGED,
-            Severity.WARNING,
             f"from {t[k]:.0f} s on the same commands give {100.0 * abs(change):.0f} % "
             f"{'more' if change > 0.0 else 'less'} thrust per mass: a load was "
             f"{'dropped' if change > 0.0 else 'taken up'}, or motors changed; what is fitted to all is of neither part",
             "analyse the parts before and after by themselves, or fly one load",
-            {"time": float(t[k]), "change": change},
+            time=float(t[k]),
+            change=change,
         )
     ]
 
@@ -254,13 +255,13 @@ def outputs_of(records: Sequence[Experiment], vehicle: Vehicle) -> list[Finding]
     ]
     if unlogged := unlogged_motors(records[0], vehicle):
         findings.append(
-            Finding(
+            warning(
                 "not-logged",
-                Severity.WARNING,
                 f"{unlogged}; the others carry an unknown part of the weight, so that neither thrust of a motor nor "
                 "its effect on rotation is determined",
                 "log the outputs of all motors and all SERVOn_FUNCTION parameters",
-                {"logged": len(records[0].input_names), "motors": len(vehicle.motors)},
+                logged=len(records[0].input_names),
+                motors=len(vehicle.motors),
             )
         )
     return findings
@@ -278,9 +279,8 @@ def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[F
     findings = []
     if not all(np.isfinite(column(record, "density")).all() for record in records):
         findings.append(
-            Finding(
+            warning(
                 "conditions-assumed",
-                Severity.WARNING,
                 "with neither barometer nor altitude the density of the air is unknown; sea-level air is assumed, and "
                 f"{100.0 * UNKNOWN_AIR_SIGMA:.0f} % are added to the uncertainty of thrust (at 2000 m it is 18 % off)",
                 "log the barometer or GPS",
@@ -288,9 +288,8 @@ def _unknown_air(records: Sequence[Experiment], voltage: float | None) -> list[F
         )
     if voltage is None:
         findings.append(
-            Finding(
+            warning(
                 "conditions-assumed",
-                Severity.WARNING,
                 "without battery voltage the coefficient holds for the unknown voltage of these flights only",
                 "set up the battery monitor and log it",
             )
@@ -304,9 +303,8 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
         return record.vehicle, []
     vehicle = Vehicle()
     return vehicle, [
-        Finding(
+        warning(
             "frame-unknown",
-            Severity.WARNING,
             "the log does not tell the motors' PWM range and thrust curve; ArduPilot's defaults are assumed "
             f"({vehicle.pwm_min:.0f}-{vehicle.pwm_max:.0f} us, MOT_THST_EXPO {vehicle.thrust_expo})",
             "log parameters",
@@ -316,10 +314,9 @@ def vehicle_of(record: Experiment) -> tuple[Vehicle, list[Finding]]:
 
 def mass_unknown() -> Finding:
     """Report what is missing without a mass."""
-    return Finding(
+    return info(
         "conditions-assumed",
-        Severity.INFO,
         "motion gives forces per unit of mass only; the take-off mass gives newtons",
         "give the take-off mass (--mass)",
-        {"what": "mass"},
+        what="mass",
     )

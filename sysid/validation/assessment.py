@@ -226,7 +226,7 @@ def _ahead(model: Predictor, record: Experiment, horizon: float, steps: int, sim
 
 
 def _scored_from(model: Predictor, record: Experiment) -> int:
-    """First sample that is scored: what a model has looked at judges nothing."""
+    """Return the first sample that is scored: those from which a model takes its initial state are not."""
     looks_at = getattr(model, "initial_seconds", None)
     seconds = INITIAL_SECONDS if looks_at is None else max(INITIAL_SECONDS, float(looks_at(record)))
     return round(seconds / record.dt)
