@@ -180,12 +180,12 @@ class Rates:
         self._limiter.hit(SIGN_INS, "sign-in", _address(request))
 
     def count_wrong_bearer(self, request: Request) -> None:
-        """Count a request whose token is nobody's; a problem when there were too many. A right one is not held up."""
+        """Count a request whose token is nobody's; ProblemError if there were too many. A right one is not held up."""
         if not self._limiter.hit(BEARERS, "bearer", _address(request)):
             raise self._too_many("wrong tokens", BEARERS, "bearer", _address(request))
 
     def count_upload(self, request: Request, owner: str) -> None:
-        """Count an upload; a problem when there were too many."""
+        """Count an upload; ProblemError if there were too many."""
         client = owner or _address(request)
         if self._uploads is not None and not self._limiter.hit(self._uploads, client):
             raise self._too_many("uploads", self._uploads, client)

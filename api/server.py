@@ -99,7 +99,7 @@ def backup(file: Path) -> tuple[int, int]:
 
 
 def restore(file: Path) -> tuple[int, int]:
-    """Bring a backup back into the empty service that the environment describes."""
+    """Restore a backup into the empty service that the environment describes."""
     return _carried(backups.restore, file)
 
 

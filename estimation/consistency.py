@@ -1,4 +1,4 @@
-"""Is a trajectory as good as it says: innovations against chi-square, errors against truth and sigma."""
+"""Consistency of a trajectory: innovations against chi-square, errors against truth and sigma."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

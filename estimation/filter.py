@@ -88,7 +88,7 @@ def assemble(
     prior: np.ndarray | None = None,
     shocks: Shocks | None = None,
 ) -> FilterSegment:
-    """Lay out nodes and sub-steps of one segment, or of a piece of it."""
+    """Set up nodes and sub-steps of one segment, or of a piece of it."""
     first, last = ticks(np.array([max(signal.start, start), min(signal.stop, stop)]))
     observations = observations.between(first * TICK, last * TICK)
     asked = ticks(outputs)

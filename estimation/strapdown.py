@@ -71,7 +71,7 @@ class _Estimated:
 
 @dataclass(frozen=True, slots=True)
 class _Known:
-    """What is known of a log before it is estimated: its segments, and settings for their sensors."""
+    """Segments of a log and tuned settings of their sensors."""
 
     observations: Observations  #: At the times that their tables give.
     segments: list[Segment]
@@ -134,7 +134,7 @@ def estimate_strapdown(
     noise: SensorNoise,
     smoothed: bool,
 ) -> Trajectory:
-    """Filter and smooth every segment of the IMU, and lay their rows out as one trajectory."""
+    """Filter and smooth every segment of the IMU, and join their rows to one trajectory."""
     place = Surroundings.of(tables, date)
     rows, remarks = _estimate_log(tables, place, rate, (start, stop), noise, smoothed=smoothed)
     index = pd.Index(np.concatenate([segment.t for segment in rows]), name="t")
@@ -163,7 +163,7 @@ def estimate_strapdown(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Remarks:
-    """What the filter found of itself and of the sensors."""
+    """Findings on the sensors and diagnostics of the filter."""
 
     findings: list[Finding]
     doubts: list[Finding]  #: Of which one may withdraw the trajectory.
@@ -229,7 +229,7 @@ def _prepare(tables: Tables, place: Surroundings, noise: SensorNoise) -> tuple[T
 
 
 def _diagnostics(tables: Tables, done: list[_Estimated], place: Surroundings, tuned: Tuned) -> dict[str, object]:
-    """Report what the filter found of itself and of the sensors."""
+    """Return the diagnostics of the filter and the sensors."""
     gyro_delay, accel_delay = imu_delays(tables.parameters)
     field = place.field
     return {
@@ -342,7 +342,7 @@ class _Pieces:
     def lay_out(
         self, observations: Observations, outputs: np.ndarray, x: np.ndarray, P: np.ndarray, start: float, stop: float
     ) -> FilterSegment:
-        """Lay out one piece that starts with x and P."""
+        """Set up the filter of one piece that starts with x and P."""
         return assemble(
             self.signal,
             observations,
@@ -450,7 +450,7 @@ def _sensor_errors(done: list[_Rows]) -> dict[int, str]:
 
 
 def _states(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd.DataFrame:
-    """Lay the segments' estimates out as the states of a `Trajectory`, with the sensor errors that were estimated."""
+    """Return the segments' estimates as the states of a `Trajectory`, with the estimated sensor errors."""
     columns = [*STATE_COLUMNS, *errors.values()]
     states = np.empty((len(index), len(columns)))
     first = 0
@@ -466,7 +466,7 @@ def _states(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd
 
 
 def _sigma(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd.DataFrame:
-    """Lay the segments' variances out as the standard deviations of a `Trajectory`, as `_states`."""
+    """Return the segments' variances as the standard deviations of a `Trajectory`, as `_states`."""
     columns = [*SIGMA_COLUMNS, *errors.values()]
     sigma = np.empty((len(index), len(columns)))
     first = 0

@@ -72,7 +72,7 @@ IMU_SCALES = (1.0, 2.0, 4.0)
 
 
 def set_noise(problem: FilterSegment, start: Alignment, setting: str, ladder: Sequence[float]) -> FilterSegment:
-    """Put one noise setting on its likeliest rung; to be quieter than its class it must gain `STRONG`.
+    """Set one noise setting to its likeliest step; to be quieter than its class it must gain `STRONG`.
 
     A few minutes show little of a bias that walks for ten, and trusting it too much costs more than too little. A prior
     never becomes narrower: that it was wide is why the start, about which it is now, was found at all.
@@ -202,7 +202,7 @@ class Tuned:
         return abs(self.lags.get("baro", 0.0)) > LATE
 
     def in_time(self, observations: Observations) -> Observations:
-        """Put observations at the times that were found."""
+        """Shift observations by the lags found."""
         for sensor, lag in self.lags.items():
             observations = observations.earlier(LAGGING[sensor], lag)
         return observations
@@ -260,7 +260,7 @@ class _Search:
         return Tuned(self.noise, self.white_scale, self.imu_scale, self.lags, self.yaw_scale)
 
     def lay_out(self, observations: Observations) -> FilterSegment:
-        """Lay out the window with the settings found so far."""
+        """Set up the filter of the window with the settings found so far."""
         return assemble(
             self.signal,
             observations,
@@ -357,7 +357,7 @@ class _Search:
         return self.observations.without(_kernels.BARO) if alone else self.observations
 
     def _forget_receivers(self) -> None:
-        """Put receivers back to the times that their tables state: what was found may have been the barometer's lag."""
+        """Reset the receivers' lags: what was found may have been the barometer's lag."""
         for sensor in self.lags.keys() & RECEIVERS:
             self.observations = self.observations.earlier(LAGGING[sensor], -self.lags[sensor])
             self.lags[sensor] = 0.0

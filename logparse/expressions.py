@@ -103,7 +103,7 @@ def _name(node: ast.expr) -> str | None:
 
 
 def _together(a: _Value, b: _Value) -> tuple[_Value, _Value]:
-    """Bring two values to the times of the one with more samples."""
+    """Interpolate two values to the times of the one with more samples."""
     if a.t is None or b.t is None or (len(a.t) == len(b.t) and np.array_equal(a.t, b.t)):
         return a, b
     if len(a.t) >= len(b.t):

@@ -28,7 +28,7 @@ class Kept:
         return key in self._made
 
     def clear(self) -> None:
-        """Let everything go: what it was made of has changed."""
+        """Drop everything, because its sources changed."""
         self._made.clear()
         self._sizes.clear()
 

@@ -336,7 +336,7 @@ def rk4_step(
 
 @inner
 def normalise(x: np.ndarray) -> None:
-    """Bring the quaternion of a state back to unit length."""
+    """Normalise the quaternion of a state."""
     norm = sqrt(x[6] * x[6] + x[7] * x[7] + x[8] * x[8] + x[9] * x[9])
     for i in range(ATTITUDE, RATE):
         x[i] /= norm
@@ -451,7 +451,7 @@ def mix(throttle: float, roll: float, pitch: float, yaw: float, mixer: np.ndarra
 
 @inner
 def wrap(angle: float) -> float:
-    """Bring an angle into -pi..pi."""
+    """Wrap an angle into -pi..pi."""
     return (angle + pi) % (2.0 * pi) - pi
 
 

@@ -51,7 +51,7 @@ class Crafts:
             return [_craft(session, record) for record in records]
 
     def find(self, craft_id: str, owner: str) -> CraftAnswer:
-        """Look a craft up with all that is known of it but for its flights; a problem when the owner has none."""
+        """Look a craft up with all that is known of it but for its flights; ProblemError if the owner has none."""
         with self._database.read() as session:
             record = get(session, CraftRecord, craft_id, owner)
             notes = session.scalars(select(NoteRecord).where(NoteRecord.craft_id == record.id).order_by(NoteRecord.at))
@@ -125,7 +125,7 @@ class Crafts:
             get(session, CraftRecord, craft_id, owner).name = _plain(" ".join(name.split()))
 
     def merge(self, craft_id: str, other_id: str, owner: str) -> None:
-        """Merge another craft into this one; a problem when the owner has not both, or they are one."""
+        """Merge another craft into this one; ProblemError if the owner has not both, or they are one."""
         with self._database.write() as session:
             craft, other = (get(session, CraftRecord, record_id, owner) for record_id in (craft_id, other_id))
             if craft is other:
@@ -141,7 +141,7 @@ class Crafts:
             touch(session, [craft.id])
 
     def move(self, flights: Sequence[str], target: str | None, owner: str, *, later: bool = False) -> str:
-        """Move flights to a craft, or to a new one, and return its id; a problem when the owner has not all of them."""
+        """Move flights to a craft, or to a new one, and return its id; ProblemError if not all are the owner's."""
         with self._database.write() as session:
             records = [
                 record

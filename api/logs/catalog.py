@@ -152,7 +152,7 @@ class Catalog:
                 self._objects.remove(f"logs/{log_id}")
 
     def find_log(self, log_id: str, owner: str) -> Log:
-        """Look a log up; a problem when the owner has none of this id."""
+        """Look a log up; ProblemError if the owner has none of this id."""
         with self._database.read() as session:
             return Log.model_validate(get(session, LogRecord, log_id, owner))
 
@@ -173,7 +173,7 @@ class Catalog:
             ]
 
     def may_delete_log(self, log_id: str, secret: str) -> str:
-        """Return the owner of the log that a delete token is for; a problem when it is for another or none."""
+        """Return the owner of the log that a delete token is for; ProblemError if it is for another or none."""
         with self._database.read() as session:
             record = session.get(LogRecord, log_id) if is_id(log_id) else None
             if record is None or record.delete_digest != digest(secret):
@@ -231,7 +231,7 @@ class Catalog:
             return Analysis.model_validate(record)
 
     def find_analysis(self, analysis_id: str, owner: str | None) -> Analysis:
-        """Look an analysis up; a problem when the owner (anybody, when None) has none of this id."""
+        """Look an analysis up; ProblemError if the owner (anybody, when None) has none of this id."""
         with self._database.read() as session:
             record = session.get(AnalysisRecord, analysis_id) if is_id(analysis_id) else None
             if record is None or owner not in (None, record.owner):

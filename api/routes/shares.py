@@ -100,7 +100,7 @@ def shared_files(analysis: Analysis) -> dict[str, int]:
 
 
 def find_shared(secret: str, parts: Parts) -> Analysis:
-    """Look up what a link is to; a problem when it is to nothing."""
+    """Look up what a link is to; ProblemError if it is to nothing."""
     analysis_id = parts.shares.analysis_of(secret)
     if analysis_id is None:
         raise ProblemError.missing("There is nothing behind this link; it may have expired or been taken back.")

@@ -66,7 +66,7 @@ PartsOf = Annotated[Parts, Depends(_parts)]
 
 
 def owner_of(request: Request, parts: Parts) -> str:
-    """Report whose things the request is about; a problem when it has no valid token where one is needed."""
+    """Report whose things the request is about; ProblemError if it has no valid token where one is needed."""
     if parts.settings.access is not Access.TOKENS:
         return EVERYBODY
     secret = bearer(request)
@@ -125,7 +125,7 @@ Secret = Annotated[str, Path(description="The last part of a shared link.")]
 
 
 def _analysis(analysis_id: AnalysisId, parts: PartsOf, owner: Owner) -> Analysis:
-    """Look an analysis up; a problem where whoever asks has none of this id."""
+    """Look an analysis up; ProblemError if whoever asks has none of this id."""
     return parts.catalog.find_analysis(analysis_id, owner)
 
 

@@ -385,7 +385,7 @@ def rate_times(messages: Messages) -> Array | None:
 
 
 def _rates_from_pid(messages: Messages) -> pd.DataFrame | None:
-    """Put together the rate controller from its three PID messages (since 4.0, in rad/s)."""
+    """Assemble the rate controller from its three PID messages (since 4.0, in rad/s)."""
     parts = []
     for axis, letter, name in _AXES:
         frame = messages.get(f"PID{letter}")

@@ -137,7 +137,7 @@ ANGLES = ("roll", "pitch", "yaw")
 
 
 def join(parts: Iterable[pd.DataFrame], columns: Iterable[str], *, gap: float) -> pd.DataFrame | None:
-    """Bring tables with different times onto the times of the one with most rows."""
+    """Interpolate tables to the times of the one with most rows."""
     return framed(joined_columns(parts, columns, gap=gap))
 
 
@@ -166,7 +166,7 @@ def with_attitude(table: pd.DataFrame, attitude: pd.DataFrame | None, gap: float
 
 
 def wrap(angle: npt.ArrayLike) -> Array:
-    """Bring angles [rad] into (-pi, pi]."""
+    """Wrap angles [rad] into (-pi, pi]."""
     angles = np.asarray(angle, dtype=np.float64)
     # Angles that are in the interval already stay as they are, to the last bit.
     inside = (angles > -np.pi) & (angles <= np.pi)

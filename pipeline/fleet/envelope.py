@@ -28,7 +28,7 @@ Flown = tuple[FlightEntry, Coverage]
 
 
 def envelope(entries: Sequence[FlightEntry], training: Iterable[str], held_out: Iterable[str]) -> Envelope | None:
-    """Put together what the flights of one craft covered; None where that was not measured of any."""
+    """Combine the coverage of a craft's flights; None if no flight has one."""
     by_name = {entry.name: (entry, entry.coverage) for entry in entries if entry.coverage is not None}
     parts = {
         "training": [by_name[name] for name in training if name in by_name],

@@ -36,7 +36,7 @@ _FIRST = datetime(2009, 1, 1, tzinfo=UTC)
 
 
 def review(entries: Sequence[FlightEntry], notes: Sequence[CraftNote] = (), now: datetime | None = None) -> CraftReview:
-    """Look at a craft as a whole."""
+    """Review the flights of a craft together."""
     clean = [_unset(entry, now or datetime.now(UTC)) for entry in entries]
     recorded = once(clean)
     flights, remarks = _dated(recorded)
@@ -79,7 +79,7 @@ def _unset(entry: FlightEntry, now: datetime) -> FlightEntry:
 
 
 def _dated(entries: Sequence[FlightEntry]) -> tuple[list[FlightEntry], list[str]]:
-    """Put flights in order: one without a date behind the one that came before it; all by name where none has one."""
+    """Sort flights by date, those without one after the entry before; by name if none has a date."""
     known = [start for entry in entries if (start := took_off(entry)) is not None]
     undated = [entry.name for entry in entries if entry.start_utc is None]
     if not undated or not known:

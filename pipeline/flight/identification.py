@@ -115,7 +115,7 @@ def model_result(
     flight: str = "",
     craft: str | None = None,
 ) -> ModelResult:
-    """Put together what is known of a model: of one `flight`, or of a `craft` of which every record is a flight."""
+    """Assemble the result of a model of one `flight`, or of a `craft` of which every record is a flight."""
     judged, scanned = present(validation), present(orders)
     record = None if isinstance(model, Failure) else model.record()
     uses = uses_of(present(model)) if judged is None else judged.uses

@@ -67,7 +67,7 @@ def _on_board(flights: Sequence[FlightEntry]) -> Iterator[Advice]:
 
 
 def _settings(flights: Sequence[FlightEntry], determined: Collection[str]) -> Iterator[Advice]:
-    """Put all that was lacking into one value of the parameter that the autopilot has for it.
+    """Combine all missing messages into one value of the parameter that enables them.
 
     `logparse.craft.log_settings` has decided which bits log it, and the findings carry them.
     """

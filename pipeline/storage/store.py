@@ -337,7 +337,7 @@ def as_os_error() -> Iterator[None]:
 
 
 def _copy(file: Path, target: Path) -> None:
-    """Bring a file to another disk, where it is whole or not there."""
+    """Copy a file to another disk, atomically."""
     partial = target.with_name(f"{target.name}.partial")
     try:
         shutil.copyfile(file, partial)

@@ -220,7 +220,7 @@ def model_color(key: str) -> str:
 
 
 def layout_of(**parts: Any) -> Drawn:
-    """Lay a plot out as all of a report are: transparent, legend above, quiet grid."""
+    """Return the common layout of plots: transparent, legend above, quiet grid."""
     base: Drawn = {
         "margin": {"l": 58, "r": 14, "t": 46, "b": 44},
         "paper_bgcolor": "rgba(0,0,0,0)",
@@ -238,7 +238,7 @@ def layout_of(**parts: Any) -> Drawn:
 
 
 def time_axis(span: Span | None, title: str = "time on the log’s clock (s)") -> Drawn:
-    """Lay out an axis of time that begins by showing a stretch of it."""
+    """Return a time axis that initially shows a span of it."""
     axis: Drawn = {"title": {"text": title}, "hoverformat": ".1f"}
     return axis if span is None else axis | {"range": [span.start, span.stop]}
 

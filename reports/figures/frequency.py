@@ -148,7 +148,7 @@ def bode_figure(fitted: FittedResponse, name: str) -> Figure:
 
 
 def response_overlays(curves: Sequence[ResponseCurve], prefix: str = "") -> list[Figure]:
-    """Lay the responses of several flights over each other, a figure for each axis that two or more tell."""
+    """Overlay the responses of several flights, a figure for each axis that two or more have."""
     figures = []
     for axis in dict.fromkeys(response.axis for response in curves):
         mine = [response for response in curves if response.axis == axis and response.hz]

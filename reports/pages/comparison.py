@@ -145,7 +145,7 @@ def comparison_markdown(numbers: ReportComparison) -> str:
 
 
 def comparison_overview(numbers: ReportComparison) -> RenderableType:
-    """Lay the comparison out for a terminal: what changed, and the tables."""
+    """Return the comparison for a terminal: what changed, and the tables."""
     parts: list[RenderableType] = []
     for pair in numbers.pairs:
         parts += [

@@ -17,7 +17,7 @@ _TONES = {"error": "bad", "warning": "care", "info": "unknown"}
 
 
 def overview(log: Inspection, accounts: Sequence[Account] = ()) -> RenderableType:
-    """Lay out an inspection of a log: what happened first, then findings, worst on top, which a person must act on."""
+    """Return an inspection of a log: what happened first, then findings to act on, worst on top."""
     several = len(accounts) > 1
     parts: list[RenderableType] = []
     for place, account in enumerate(accounts, start=1):

@@ -392,7 +392,7 @@ def chance(p: float | None) -> str:
 
 
 def change_table(changes: Sequence[ParameterChange]) -> Table:
-    """Lay parameters out: before, after, difference, and whether it is more than chance."""
+    """Tabulate parameters: before, after, difference, and whether it is significant."""
     rows = []
     for change in changes:
         degrees, unit = per_degree(change.unit.partition(",")[0])

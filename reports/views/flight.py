@@ -19,12 +19,12 @@ from reports.views import log_words
 
 
 def happened(account: Account | None) -> Table | None:
-    """Lay out what happened, with the advice that each has."""
+    """Tabulate what happened, with advice."""
     return None if account is None or not account.notable else _table(account, account.notable)
 
 
 def reported(account: Account | None) -> Table | None:
-    """Lay out what was only reported."""
+    """Tabulate what the autopilot only reported."""
     quiet = [] if account is None else [happening for happening in account.happenings if not happening.notable]
     # Most rows of what was only reported.
     return None if account is None or not quiet else _table(account, quiet[:40])

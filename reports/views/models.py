@@ -159,7 +159,7 @@ STORED = {
 
 
 def flight_rmse(models: Sequence[ModelReport], heads: Mapping[str, str] = _OWN) -> Table | None:
-    """Lay out what models achieve on a flight, beside guesses without a model."""
+    """Tabulate errors of models on a flight, beside baselines without a model."""
     judged = [(result.title, row) for result in models for row in result.rmse]
     lines: list[tuple[Row, Sequence[float | None]]] = []
     for part, said in heads.items():
@@ -254,7 +254,7 @@ def average_table(craft: CraftReport) -> Table | None:
 
 
 def validation_table(craft: CraftReport, links: Mapping[str, str]) -> Table | None:
-    """Lay the joint models' errors out: a line per held-out flight, and their average."""
+    """Tabulate errors of joint models: a row per held-out flight, and their average."""
     judged = [result for result in craft.models if result.rmse]
     if not judged:
         return None

@@ -58,7 +58,7 @@ class Turning:
 
 
 def rotation_view(rotation: RotationResult | None, file: str) -> Turning | None:
-    """Lay out how the craft turned in a flight, and its loops; None where no rotation was estimated."""
+    """Return the view of a flight's rotation and loops; None where no rotation was estimated."""
     if rotation is None:
         return None
     lines = [sentence for axis in rotation.every for sentence in sentences(axis)]

@@ -70,7 +70,7 @@ def backup(
 def restore(
     file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="File that `rotorid backup` wrote.")],
 ) -> None:
-    """Bring a backup back into an empty service, which may have another database and storage; it must not run.
+    """Restore a backup into an empty service, which may have another database and storage; it must not run.
 
     Example: rotorid restore rotorid-2026-03-14.tar
     """

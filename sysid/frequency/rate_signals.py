@@ -60,7 +60,7 @@ class RateSignals:
     def evenly(
         self, names: Sequence[str], start: float, stop: float, *further: Callable[[Floats], Floats]
     ) -> tuple[Floats, Logged, NDArray[np.bool_]]:
-        """Bring columns of a stretch, and functions of time beside them, to an even clock, as `on_uniform_clock` does.
+        """Resample columns of a stretch, and functions of time, to an even clock, as `on_uniform_clock`.
 
         In the precision in which they are logged.
         """
@@ -305,7 +305,7 @@ def motor_patterns(log: FlightLog) -> pd.DataFrame | None:
 
 
 def on_one_clock(driven: pd.DataFrame, answer: pd.DataFrame) -> RateSignals:
-    """Bring the faster table to the times of the slower, below half of its rate."""
+    """Resample the faster table to the times of the slower, low-passed below half of its rate."""
     slow, fast = (driven, answer) if step_of(driven) >= step_of(answer) else (answer, driven)
     step, at = step_of(slow), slow.index.to_numpy(np.float64)
     if not np.isfinite(step):

@@ -114,7 +114,7 @@ class AxisRecord:
 
 
 def on_uniform_clock(t: Floats, columns: Sequence[Logged]) -> tuple[Floats, Logged, NDArray[np.bool_]]:
-    """Bring samples that are nearly even in time onto an even clock, rows in which all of them are numbers.
+    """Resample rows of finite samples that are nearly even in time to an even clock.
 
     By cubic splines, which all pass through alike and which therefore cancel in their ratio.
 

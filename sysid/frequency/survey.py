@@ -133,7 +133,7 @@ def _tried(make: Callable[[], Found]) -> tuple[Found | None, str]:
 
 
 def _couplings(logs: Sequence[LogSignals], surveys: Sequence[AxisSurvey]) -> Iterator[Coupling]:
-    """Look at what roll and pitch do to each other, where the answer of both to their own command is known."""
+    """Estimate the coupling of roll and pitch, where the response of both to their own command is known."""
     known = {entry.axis: entry.response for entry in surveys if entry.fit is not None and entry.response is not None}
     for axis, other in (("roll", "pitch"), ("pitch", "roll")):
         if axis in known and other in known:

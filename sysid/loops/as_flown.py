@@ -308,7 +308,7 @@ def _gyro_signals(rates: RateSignals | None, chirp: Chirp, axis: str) -> _Signal
 
 
 def _aligned(chirp: Chirp, t: Floats, columns: dict[str, Floats]) -> _Signals | None:
-    """Bring signals within a chirp, or what of it their rows show, and the chirp itself to one uniform clock."""
+    """Resample signals within the logged part of a chirp, and the chirp itself, to one uniform clock."""
     added = chirp.spline()
     if added is None or not all(np.isfinite(column).sum() > FEWEST_ROWS for column in columns.values()):
         return None

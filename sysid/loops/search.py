@@ -212,7 +212,7 @@ def _first_step(loop: RateLoop, aim: Aim, candidates: _Field, refused: AxisTunin
 
 
 def _gains(loop: RateLoop, part: float | None) -> list[dict[str, float]]:
-    """Lay out P, I (or a fixed part of P), D and the derivative's filter."""
+    """Return the grid of P, I (or a fixed part of P), D and the derivative's filter."""
     flown, ranges = loop.flown.controller, RANGES[loop.axis]
     least, most = 1.0 / (LARGEST - _ROUNDING), (LARGEST_OF_STICKS if loop.ordinary else LARGEST) - _ROUNDING
     factors_p, factors_d = (np.geomspace(least, most, steps) for steps in (_STEPS_P, _STEPS_D))

@@ -50,7 +50,7 @@ _PRESSURE_0, _TEMPERATURE_0, _LAPSE, _GAS, _EXPONENT = 101325.0, 288.15, 0.0065,
 
 
 def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.DataFrame:
-    """Bring what physical models read to the clock of an experiment.
+    """Resample the inputs of physical models to the clock of an experiment.
 
     `t` (N,) is uniform, s; columns are those that this module says.
     """

@@ -320,7 +320,7 @@ class Experiment(Summarised):
         return first, replace(self._cut(slice(at, len(self.t))), before=first)
 
     def resample(self, rate: float) -> Experiment:
-        """Bring the record to another rate; what is too fast for it is filtered out first, without phase.
+        """Resample the record, with a zero-phase low-pass to a lower rate.
 
         Parameters
         ----------

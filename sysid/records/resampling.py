@@ -53,7 +53,7 @@ def filtered_at(extended: Vector, taps: Vector, between: Vector) -> Vector:
 
 
 def resample(source_t: Floats, values: Floats, t: Floats) -> Floats:
-    """Bring columns to the clock `t`: zero-phase low-pass where the source is faster, then straight lines.
+    """Resample columns to the clock `t`: zero-phase low-pass where the source is faster, then linear interpolation.
 
     `source_t` (M,): strictly increasing, s; `values` (M, k): NaN marks missing samples; they are bridged by straight
     lines. A column without any value stays NaN; `t` (N,): uniform, s. Returns (N, k).
@@ -111,7 +111,7 @@ def logged_rate(values: Floats, dt: float) -> float:
 
 
 def _extended(signal: Floats, dt: float, cutoff: float) -> tuple[Floats, Floats]:
-    """Lay out a symmetric FIR low-pass filter and continue the signal for it at both ends.
+    """Design a symmetric FIR low-pass filter and extend the signal for it at both ends.
 
     `signal` (N,). Returns `extended` (N + taps - 1,): the ends are continued by point reflection, which keeps level and
     slope; `taps`, a single one where there is nothing to filter.
@@ -139,7 +139,7 @@ def join_rows(signals: Floats, dt: float, interval: float) -> Floats:
 
 
 def _taps(half: int, step: float) -> Floats:
-    """Lay out the filter for a clock whose step is this part of the interval between rows; shape (2 half + 1,)."""
+    """Design the filter for a clock whose step is this part of the interval between rows; shape (2 half + 1,)."""
     frequency = np.fft.rfftfreq(_GRID, step)  # in parts of the rows' rate
     fade = np.clip((_STOP - frequency) / (_STOP - _PASS), 0.0, 1.0)
     gain = np.sin(0.5 * np.pi * fade) ** 2 / np.sinc(np.minimum(frequency, _STOP)) ** 2

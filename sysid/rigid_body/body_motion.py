@@ -195,7 +195,7 @@ class Increments:
 
 
 def velocity_increments(flight: BodyMotion, theta: Floats, law: int) -> Increments:
-    """Hold the changes of velocity of a flight against the model's in a constant wind, over blocks of `BLOCK_SECONDS`.
+    """Compare the changes of velocity of a flight with the model's in a constant wind, over blocks of `BLOCK_SECONDS`.
 
     Shapes: `theta` (q,).
     """

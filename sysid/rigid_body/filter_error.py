@@ -255,7 +255,7 @@ def step_within(hessian: Floats, uphill: Floats, damping: float, values: Floats,
 
 
 def _velocities(motion: BodyMotion, values: Floats, flight: int, law: int) -> _Velocities:
-    """Hold the velocity of a flight against the integral of its modelled accelerations."""
+    """Compare the velocity of a flight with the integral of its modelled accelerations."""
     theta = np.concatenate([values[:SHARED], values[flight_slice(flight)]])
     step = min(max(2.0 * motion.input_interval, SHORTEST_STEP), LONGEST_STEP)
     stride = max(round(step / motion.dt), 1)

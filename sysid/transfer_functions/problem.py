@@ -39,7 +39,7 @@ def resolvable_band(duration: float, dt: float) -> Band:
 
 
 def clip(theta: Floats, band: Band, orders: Sequence[int] = ()) -> Floats:
-    """Bring parameters, shape (groups, n), into the band and the range of damping."""
+    """Clip parameters, shape (groups, n), to the band and the range of damping."""
     lower, upper = _bounds(band, theta.shape[1], tuple(orders) or (theta.shape[1],))
     return np.asarray(np.minimum(np.maximum(theta, lower), upper))
 

@@ -124,7 +124,7 @@ def _require(record: BodyRecord, enough: bool) -> None:
 
 
 def _increments(model: SixDofModel, record: BodyRecord, own: Floats, lean: Floats) -> Increments:
-    """Hold changes of velocity against the model's about a thrust and a wind, under a lean that the model misses."""
+    """Compare changes of velocity with the model's about a thrust and a wind, with an unmodelled tilt."""
     dt, drive = record.dt, drives(record, model.kinds, model.shape)
     size = min(max(round(0.2 / dt), 1), len(record.t) - 1)
     edges = np.arange(0, len(record.t), size)

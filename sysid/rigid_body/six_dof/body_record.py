@@ -125,7 +125,7 @@ def input_kinds(record: Experiment) -> InputKinds:
 
 
 def body_record(record: Experiment, kinds: InputKinds) -> BodyRecord:
-    """Bring an experiment into the form of the equations of motion."""
+    """Convert an experiment to the form of the equations of motion."""
     if record.context is None or record.output_names[:3] != ("x", "y", "z"):
         raise MissingDataError(f"{record.name}: the motion needs outputs x, y, z and a context with attitude and rates")
     states = measured_states(record)

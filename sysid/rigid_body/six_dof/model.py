@@ -225,7 +225,7 @@ class SixDofModel(Summarised):
         return missed
 
     def record(self, experiment: Experiment) -> BodyRecord:
-        """Bring an experiment into the form of the equations; MissingDataError if inputs are others or motion lacks."""
+        """Convert an experiment to the form of the equations; MissingDataError for other inputs or without motion."""
         if experiment.input_names != self.kinds.names:
             raise MissingDataError(
                 f"{experiment.name} has inputs {', '.join(experiment.input_names)}; the model takes "
