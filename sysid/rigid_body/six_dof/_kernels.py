@@ -55,6 +55,8 @@ PER_INPUT = 6
 
 #: Numbers of a state: position, velocity, rotation by rows, rates.
 STATES = 18
+#: Numbers that integration notes meanwhile.
+SCRATCH = 24
 
 
 @inner()
@@ -138,16 +140,14 @@ def _forcing(theta: Floats, drive: Floats, air: Floats, out: Floats) -> None:
             out[axis] += theta[at + axis] * drive[k]
 
 
-@njit(cache=True)
-def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float, substeps: int, state: Floats) -> None:
-    """Integrate one sample interval in place: midpoint rule in rates, attitude and velocity.
-
-    `drive`, (8 + e,), is held over the interval; `push`, (6,), is an acceleration in the world and an angular one in
-    the body from outside; `state`, (18,), is position, velocity (NED), rotation from body to world by rows, and rates.
-    """
+@inner()
+def _advance(
+    theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float, substeps: int, state: Floats, scratch: Floats
+) -> None:
+    """Integrate one sample interval as `advance` does, without arrays of its own; scratch (24,)."""
     h = dt / substeps
-    air, turn, force, speed = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    middle, w = np.empty(9), np.empty(3)
+    air, turn, force, speed = scratch[:3], scratch[3:6], scratch[6:9], scratch[9:12]
+    middle, w = scratch[12:21], scratch[21:24]
     for _ in range(substeps):
         rotation = state[6:15]
         for axis in range(3):
@@ -187,6 +187,48 @@ def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float,
 
 
 @njit(cache=True)
+def advance(theta: Floats, drive: Floats, wind: Floats, push: Floats, dt: float, substeps: int, state: Floats) -> None:
+    """Integrate one sample interval in place: midpoint rule in rates, attitude and velocity.
+
+    `drive`, (8 + e,), is held over the interval; `push`, (6,), is an acceleration in the world and an angular one in
+    the body from outside; `state`, (18,), is position, velocity (NED), rotation from body to world by rows, and rates.
+    """
+    _advance(theta, drive, wind, push, dt, substeps, state, np.empty(SCRATCH))
+
+
+@inner()
+def _run(
+    theta: Floats,
+    drives: Floats,
+    wind: Floats,
+    push: Floats,
+    states: Floats,
+    first: int,
+    marks: Integers,
+    dt: float,
+    substeps: int,
+    given: bool,
+    state: Floats,
+    scratch: Floats,
+    out: Floats,
+) -> None:
+    """Run from one start as `ahead` does."""
+    for k in range(STATES):
+        state[k] = states[first, k]
+    mark = 0
+    for step in range(marks[-1]):
+        row = first + step
+        _advance(theta, drives[row], wind[first], push, dt, substeps, state, scratch)
+        if given:
+            for k in range(6, STATES):
+                state[k] = states[row + 1, k]
+        if step + 1 == marks[mark]:
+            for k in range(STATES):
+                out[mark, k] = state[k]
+            mark += 1
+
+
+@njit(cache=True)
 def ahead(
     theta: Floats,
     drives: Floats,
@@ -204,19 +246,9 @@ def ahead(
     Shapes: `pushes` (S, 6), `starts` (S,), `marks` (M,) from 1 upwards, result (S, M, 18).
     """
     out = np.empty((len(starts), len(marks), STATES))
-    state = np.empty(STATES)
+    state, scratch = np.empty(STATES), np.empty(SCRATCH)
     for s in range(len(starts)):
-        first = starts[s]
-        state[:] = states[first]
-        mark = 0
-        for step in range(marks[-1]):
-            row = first + step
-            advance(theta, drives[row], wind[first], pushes[s], dt, substeps, state)
-            if given:
-                state[6:] = states[row + 1, 6:]
-            if step + 1 == marks[mark]:
-                out[s, mark] = state
-                mark += 1
+        _run(theta, drives, wind, pushes[s], states, starts[s], marks, dt, substeps, given, state, scratch, out[s])
     return out
 
 
