@@ -18,7 +18,7 @@ export OPENBLAS_NUM_THREADS := 1
 unexport PYTHONDONTWRITEBYTECODE
 
 .DEFAULT_GOAL := help
-.PHONY: help setup tools analyze check test whole lint bench fuzz docs serve lock clean
+.PHONY: help setup tools analyze check test whole lint quick types bench fuzz docs serve lock clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -63,11 +63,15 @@ test: tools  ## run all tests in random order, the longest in a short form; SEED
 whole: tools  ## run what `make test` runs in a short form as it is: many flights, all real logs, kills, the tutorial
 	@$(BIN)/python -m pytest $(ORDER) -m whole $$(git grep -lE 'mark\.whole|tests\.forms import' -- 'tests/*/test_*.py')
 
-lint: $(TOOLS)  ## ruff, mypy --strict and the import direction
+lint: quick types  ## ruff, mypy --strict and the import direction
+
+quick: $(TOOLS)  # what of `make lint` takes seconds
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy
 	@$(BIN)/lint-imports
+
+types: $(TOOLS)
+	@$(BIN)/mypy
 
 bench: tools  ## compare speed and accuracy with the peers, print one table and write docs/benchmarks.md
 	@$(BIN)/python -m pip install -qq --disable-pip-version-check -c constraints.txt -e ".[dev,peers]"
