@@ -158,8 +158,12 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     compiled = {str(path.relative_to(ROOT)): [path.stat().st_size, path.stat().st_mtime] for path in sources}
     cache = session.config.cache
     if cache is None or cache.get("rotorid/kernels", None) != compiled:
-        programs = [subprocess.Popen([sys.executable, "-c", program], cwd=ROOT) for program in _KERNELS]
-        ended = [program.wait() for program in programs]
+        programs = [[sys.executable, "-c", program] for program in _KERNELS]
+        # All tests are read once as well: else each worker compiles all that they import to byte code of its own.
+        reading = "pytest", "--collect-only", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"
+        programs.append([sys.executable, "-m", *reading])
+        started = [subprocess.Popen(program, cwd=ROOT, stdout=subprocess.DEVNULL) for program in programs]
+        ended = [program.wait() for program in started]
         if not any(ended) and cache is not None:
             cache.set("rotorid/kernels", compiled)
 
