@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from datetime import datetime
+from importlib import import_module
 
 import numpy as np
 import pandas as pd
@@ -9,7 +10,6 @@ import pandas as pd
 from core.findings import warning
 from core.runs import runs
 from estimation.alignment import RUNNING_PWM
-from estimation.lowrate import estimate_low_rate
 from estimation.observations import usable_fixes
 from estimation.place import LocalFrame
 from estimation.segmentation import FEWEST_SAMPLES, SLOWEST_IMU
@@ -169,7 +169,9 @@ def estimate(
             tables, rate=rate, start=start, stop=stop, date=date, noise=noise, smoothed=smooth
         )
     elif _is_low_rate(tables):
-        trajectory = estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
+        # Only when it is needed: filterpy imports scipy.stats, which takes longer than to fuse a flight's fast IMU.
+        lowrate = import_module("estimation.lowrate")
+        trajectory = lowrate.estimate_low_rate(tables, rate=rate, start=start, stop=stop, noise=noise, smoothed=smooth)
     else:
         raise MissingDataError(
             "the log has neither IMU samples at 15 Hz or more nor GPS positions with attitude, so there is nothing to "

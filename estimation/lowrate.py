@@ -2,21 +2,20 @@
 
 The autopilot's attitude is taken as it is. It tells which way the thrust points, and with the height nearly steady how
 large the horizontal part of it is; what that leaves out (drag, wind, climbing) is a slowly varying acceleration to be
-estimated. So the problem is linear with a known input: a Kalman filter, and the Rauch-Tung-Striebel recursion on the
-priors that the filter made.
+estimated. So the problem is linear with a known input, and filtered by filterpy's `KalmanFilter`. filterpy's own
+smoothers know no input, and of its two the module's function pairs the wrong F where F varies; so the
+Rauch-Tung-Striebel recursion stands here, on the priors that the filter itself made.
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 import scipy
+from filterpy.kalman import KalmanFilter
 
 from core.attitude import continuous, matrix_from_quat, multiply, quat_from_euler
-from core.compiled import inner, njit
 from core.findings import warning
-from core.kernel_types import Int64s, Matrix, Stack, Vector
 from core.units import STANDARD_GRAVITY
 from estimation.consistency import SensorStatistics
 from estimation.states import SensorNoise
@@ -42,111 +41,6 @@ FIRST_HEIGHTS = 9
 PIECE = 1000
 
 
-class _Rows(NamedTuple):
-    """Rows of measurements as the filter's kernel reads them: row k of `measured` is ``first[k]:first[k + 1]`` here."""
-
-    first: Int64s
-    H: Matrix
-    z: Vector
-    variance: Vector
-
-
-class _Passed(NamedTuple):
-    """States and covariances at nodes, (n, 16) and (n, 16, 16): after the measurements, and before them."""
-
-    x: Matrix
-    P: Stack
-    x_prior: Matrix
-    P_prior: Stack
-
-
-@inner(nogil=True)
-def _keep(state: Vector, P: Matrix, node: int, x: Matrix, covariance: Stack) -> None:
-    """Write down what is known at a node; assignments of arrays take seconds to compile."""
-    for i in range(len(state)):
-        x[node, i] = state[i]
-        for j in range(len(state)):
-            covariance[node, i, j] = P[i, j]
-
-
-@njit(cache=True, nogil=True)
-def _forward(
-    F: Stack,
-    moved: Matrix,
-    Q: Stack,
-    node_row: Int64s,
-    rows: _Rows,
-    state: Vector,
-    P: Matrix,
-    out: _Passed,
-    nis: Vector,
-) -> None:
-    """Predict each node and fuse what was measured there, number by number, since none of their errors go together.
-
-    `state` and `P` are those before the first node, and are left at the last. Node k has rows
-    ``node_row[k]:node_row[k + 1]``; `nis` of a row is the mean over its numbers.
-    """
-    size = len(state)
-    product, gain = np.empty((size, size)), np.empty(size)
-    for k in range(len(F)):
-        for i in range(size):
-            gain[i] = moved[k, i]
-            for j in range(size):
-                gain[i] += F[k, i, j] * state[j]
-                product[i, j] = 0.0
-            for m in range(size):
-                if F[k, i, m] != 0.0:
-                    for j in range(size):
-                        product[i, j] += F[k, i, m] * P[m, j]
-        for i in range(size):
-            state[i] = gain[i]
-            for j in range(i + 1):
-                total = Q[k, i, j]
-                for m in range(size):
-                    total += product[i, m] * F[k, j, m]
-                P[i, j] = P[j, i] = total
-        _keep(state, P, k, out.x_prior, out.P_prior)
-        for row in range(node_row[k], node_row[k + 1]):
-            first, last = rows.first[row], rows.first[row + 1]
-            for fused in range(2):
-                for m in range(first, last):
-                    innovation, variance = rows.z[m], rows.variance[m]
-                    for i in range(size):
-                        innovation -= rows.H[m, i] * state[i]
-                        gain[i] = 0.0
-                        for j in range(size):
-                            gain[i] += P[i, j] * rows.H[m, j]
-                    for i in range(size):
-                        variance += rows.H[m, i] * gain[i]
-                    if not fused:
-                        nis[row] += innovation**2 / variance / (last - first)
-                        continue
-                    for i in range(size):
-                        state[i] += gain[i] * innovation / variance
-                        for j in range(size):
-                            P[i, j] -= gain[i] * gain[j] / variance
-        _keep(state, P, k, out.x, out.P)
-
-
-@njit(cache=True, nogil=True)
-def _backward(gains: Stack, passed: _Passed) -> None:
-    """Smooth all nodes but the last, in place (Rauch, Tung & Striebel 1965); the last is smoothed already."""
-    size = passed.x.shape[1]
-    product = np.empty((size, size))
-    for k in range(len(gains) - 1, -1, -1):
-        for i in range(size):
-            for j in range(size):
-                passed.x[k, i] += gains[k, i, j] * (passed.x[k + 1, j] - passed.x_prior[k + 1, j])
-                product[i, j] = 0.0
-            for m in range(size):
-                for j in range(size):
-                    product[i, j] += gains[k, i, m] * (passed.P[k + 1, m, j] - passed.P_prior[k + 1, m, j])
-        for i in range(size):
-            for j in range(size):
-                for m in range(size):
-                    passed.P[k, i, j] += product[i, m] * gains[k, j, m]
-
-
 def filter_telemetry(
     t: np.ndarray,
     thrust: scipy.interpolate.Akima1DInterpolator,
@@ -157,50 +51,50 @@ def filter_telemetry(
     *,
     smoothed: bool = True,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Filter over the nodes, and smooth back: x (n, 16), P (n, 16, 16), and the nis of each row."""
-    state = np.zeros(SIZE)
+    """Run filterpy's filter over the nodes, and smooth back: x (n, 16), P (n, 16, 16), and the nis of each row."""
+    kf = KalmanFilter(dim_x=SIZE, dim_z=1, dim_u=3)
+    kf.x = np.zeros((SIZE, 1))
     first = next((m for m in measured if len(m.z) >= 5), measured[0])
-    state[:3] = first.z[:3]
+    kf.x[:3, 0] = first.z[:3]
     offsets = [m for m in measured if len(m.z) == 1 and m.admitted]
     if offsets:
-        state[12] = np.median([m.z[0] for m in offsets[:FIRST_HEIGHTS]]) + first.z[2]
-    P = np.diag(
+        kf.x[12, 0] = np.median([m.z[0] for m in offsets[:FIRST_HEIGHTS]]) + first.z[2]
+    kf.P = np.diag(
         np.concatenate([np.full(3, 10.0), np.full(3, 10.0), driven[0, :3], gps_sigma, [10.0], driven[0, 3:]]) ** 2
     )
-    node_row = np.searchsorted(nodes_of(t, measured), np.arange(len(t) + 1))
-    admitted = [m for m in measured if m.admitted]
-    used = np.array([m.admitted for m in measured])
-    rows = _Rows(
-        np.concatenate([[0], np.cumsum([len(m.z) if m.admitted else 0 for m in measured])]).astype(np.int64),
-        np.concatenate([np.empty((0, SIZE)), *(m.H for m in admitted)]),
-        np.concatenate([np.empty(0), *(m.z for m in admitted)]),
-        np.concatenate([np.empty(0), *(m.variance for m in admitted)]),
+    nodes = nodes_of(t, measured)
+    x, P = np.empty((len(t), SIZE)), np.empty((len(t), SIZE, SIZE))
+    nis = np.full(len(measured), np.nan)
+    prior_x, prior_P = np.empty_like(x), np.empty_like(P)
+    pieces = [slice(begin, begin + PIECE + 1) for begin in range(0, len(t) - 1, PIECE)]
+    steps = (
+        step for piece in pieces for step in zip(*transitions(t[piece], driven[piece], gps_sigma, noise), strict=True)
     )
-    size = len(t), SIZE
-    passed = _Passed(np.empty(size), np.empty((*size, SIZE)), np.empty(size), np.empty((*size, SIZE)))
-    nis = np.where(used, 0.0, np.nan)
     # Mean input of each step by Simpson's rule.
     edge = np.clip(t, thrust.x[0], thrust.x[-1])
     at, middle = thrust(edge), thrust(0.5 * (edge[1:] + edge[:-1]))
     mean_push = (at[:-1] + 4.0 * middle + at[1:]) / 6.0
-
-    def forward(F: np.ndarray, moved: np.ndarray, Q: np.ndarray, begin: int) -> None:
-        nodes = slice(begin, begin + len(F))
-        out = _Passed(*(each[nodes] for each in passed))
-        _forward(F, moved, Q, node_row[begin : nodes.stop + 1], rows, state, P, out, nis)
-
-    pieces = [slice(begin, begin + PIECE + 1) for begin in range(0, len(t) - 1, PIECE)]
-    forward(np.eye(SIZE)[None], np.zeros((1, SIZE)), np.zeros((1, SIZE, SIZE)), 0)
-    for piece in pieces:
-        F, B, Q = transitions(t[piece], driven[piece], gps_sigma, noise)
-        push = mean_push[piece.start : piece.start + len(F)]
-        forward(F, (B @ push[:, :, None])[:, :, 0], Q, piece.start + 1)
+    done = 0
+    for k in range(len(t)):
+        if k:
+            F, B, Q = next(steps)
+            kf.predict(u=mean_push[k - 1][:, None], F=F, B=B, Q=Q)
+        prior_x[k], prior_P[k] = kf.x[:, 0], kf.P
+        while done < len(measured) and nodes[done] == k:
+            m = measured[done]
+            done += 1
+            if not m.admitted:
+                continue
+            kf.update(m.z[:, None], R=np.diag(m.variance), H=m.H)
+            nis[done - 1] = np.mean(kf.y[:, 0] ** 2 / np.diag(kf.S))
+        x[k], P[k] = kf.x[:, 0], kf.P
     for piece in reversed(pieces) if smoothed else ():
         F, _, _ = transitions(t[piece], driven[piece], gps_sigma, noise)
-        ahead = F @ passed.P[piece][:-1]
-        gains = np.linalg.solve(passed.P_prior[piece][1:], ahead).transpose(0, 2, 1)
-        _backward(np.ascontiguousarray(gains), _Passed(*(each[piece] for each in passed)))
-    return passed.x, passed.P, nis
+        gains = np.linalg.solve(prior_P[piece][1:], F @ P[piece][:-1]).transpose(0, 2, 1)
+        for k, gain in reversed(list(enumerate(gains, start=piece.start))):
+            x[k] += gain @ (x[k + 1] - prior_x[k + 1])
+            P[k] += gain @ (P[k + 1] - prior_P[k + 1]) @ gain.T
+    return x, P, nis
 
 
 def transitions(

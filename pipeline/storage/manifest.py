@@ -36,7 +36,7 @@ FLIGHTS, CRAFTS = "flights", "crafts"
 _ANALYSIS = ("core", "logparse", "estimation", "sysid", "pipeline", "reports.figures")
 
 #: Libraries that the numbers come from.
-_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink")
+_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
