@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 #: Bytes that are kept for each message of a log, which has about 60 in the file; and those that always are.
-_OF_EACH, _ALWAYS = 24, 16_000_000
+_OF_EACH, _ALWAYS = 12, 16_000_000
 
 Made = TypeVar("Made")
 

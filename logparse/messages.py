@@ -7,7 +7,7 @@ import pandas as pd
 
 from logparse.kept import Kept
 from logparse.source import Boot, MessageSource
-from logparse.stray import without_stray
+from logparse.stray import Strays, find_strays, without
 
 
 class Messages(Mapping[str, pd.DataFrame]):
@@ -96,7 +96,7 @@ class MessageView(Mapping[str, pd.DataFrame]):
     def __getitem__(self, name: str) -> pd.DataFrame:
         return self._messages[name]
 
-    def part(self, name: str, fields: Collection[str]) -> pd.DataFrame:
+    def part(self, name: str, fields: Collection[str], *, of_all: bool = False) -> pd.DataFrame:
         """Return a message, with more than some fields."""
         return self[name]
 
@@ -117,35 +117,42 @@ class IntactMessages(MessageView):
 
     def __init__(self, messages: Messages, kept: Kept, *, checked: bool):
         super().__init__(messages)
-        self._left_out: dict[tuple[str, frozenset[str] | None], int] = {}  # Of each look; all fields are None.
+        self._strays: dict[tuple[str, frozenset[str] | None], Strays] = {}  # Of each look; all fields are None.
         self._kept, self._checked = kept, checked
 
     def __getitem__(self, name: str) -> pd.DataFrame:
         if name not in self._messages:
             raise KeyError(name)
-        return self._kept.get(("intact", name), lambda: self._intact(name, self._messages.once(name)))
+        return self._kept.get(("intact", name), lambda: self._intact(name, self._messages.once(name), None))
 
-    def part(self, name: str, fields: Collection[str]) -> pd.DataFrame:
-        """Return a message with no more than some fields where that spares memory."""
+    def part(self, name: str, fields: Collection[str], *, of_all: bool = False) -> pd.DataFrame:
+        """Return a message with no more than some fields where that spares memory.
+
+        Whether a value is damaged is told by these fields alone, or by those of the whole message: other parts of a
+        message that is read in several then say the same of it.
+        """
         if ("intact", name) in self._kept:
             return self[name]
         wanted = frozenset(fields)
-        make = lambda: self._intact(name, self._messages.once(name, wanted), wanted)  # noqa: E731
-        return self._kept.get(("intact", name, wanted), make)
+        if of_all and not self._checked and (name, None) not in self._strays:
+            self._intact(name, self._messages.once(name), None)
+        # Not kept: what is made of it is, and another part has the times once more.
+        return self._intact(name, self._messages.once(name, wanted), None if of_all else wanted)
 
     @property
     def damaged(self) -> dict[str, int]:
         """Values left out of each message so far; of one that was looked at in parts, those of the worst part."""
         worst: dict[str, int] = {}
-        for (name, _), count in self._left_out.items():
-            worst[name] = max(count, worst.get(name, 0))
+        for (name, _), strays in self._strays.items():
+            worst[name] = max(sum(map(len, strays.values())), worst.get(name, 0))
         return worst
 
-    def _intact(self, name: str, frame: pd.DataFrame, fields: frozenset[str] | None = None) -> pd.DataFrame:
-        if self._checked or 0 in (self._left_out.get((name, None)), self._left_out.get((name, fields))):
+    def _intact(self, name: str, frame: pd.DataFrame, look: frozenset[str] | None) -> pd.DataFrame:
+        if self._checked or self._strays.get((name, None)) == {}:
             return frame
-        frame, self._left_out[name, fields] = without_stray(name, frame)
-        return frame
+        if (name, look) not in self._strays:
+            self._strays[name, look] = find_strays(name, frame)
+        return without(frame, self._strays[name, look])
 
 
 class NumericMessages(MessageView):

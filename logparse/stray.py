@@ -5,7 +5,7 @@ a battery that is empty for a tenth of a second. What a craft does reaches over 
 and so it needs no limit by field or unit: damage is what stands alone.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,8 @@ from logparse.source import INSTANCE_NAMES
 
 Array = npt.NDArray[np.float64]
 Rows = npt.NDArray[np.intp]
+#: Rows of damaged values, by column.
+Strays = Mapping[str, Sequence[int]]
 
 #: Rows on either side that a row is held against, and how many times further off it is than any of them moves. One of
 #: them may be damaged as well: two of a size within ten rows hid each other in 26-11-2014_181 with flipped bits.
@@ -34,8 +36,8 @@ _USUAL = 1 << 11
 _EVENTS = frozenset(("ARM", "CMD", "ERR", "EV", "FMT", "MODE", "MSG", "PARM"))
 
 
-def without_stray(message: str, frame: pd.DataFrame) -> tuple[pd.DataFrame, int]:
-    """Return a message with its damaged values as missing, and how many they are.
+def find_strays(message: str, frame: pd.DataFrame) -> Strays:
+    """Return the rows of a message's damaged values, by column.
 
     Parameters
     ----------
@@ -44,27 +46,36 @@ def without_stray(message: str, frame: pd.DataFrame) -> tuple[pd.DataFrame, int]
     frame : pandas.DataFrame
         Rows in the order of the file, indexed by time [s]; of several instances each is looked at by itself.
     """
+    strays: dict[str, list[int]] = {}
     if message in _EVENTS or len(frame) < 2 * BESIDE:
-        return frame, 0
+        return strays
     bare = pd.DataFrame(frame)  # without attributes, which every column would copy
     columns = {str(name): column.to_numpy() for name, column in bare.items() if column.dtype.kind in "biuf"}
     instance = frame.attrs.get("instance") or next((name for name in INSTANCE_NAMES if name in columns), None)
-    t, strays = frame.index.to_numpy(np.float64), list[tuple[int, str]]()
+    t = frame.index.to_numpy(np.float64)
     for rows in _instances(columns.pop(instance) if instance in columns else np.zeros(len(frame))):
         for first in range(0, len(rows), _PIECE):
             start = max(first - BESIDE - 1, 0)
             piece = rows[start : first + _PIECE + BESIDE + 1]
-            found = _strays(t[piece], {name: column[piece] for name, column in columns.items()})
-            strays += [(int(piece[row]), name) for row, name in found if 0 <= row + start - first < _PIECE]
-    if not strays:
-        return frame, 0
+            for row, name in _strays(t[piece], {name: column[piece] for name, column in columns.items()}):
+                if 0 <= row + start - first < _PIECE:
+                    strays.setdefault(name, []).append(int(piece[row]))
+    return strays
+
+
+def without(frame: pd.DataFrame, strays: Strays) -> pd.DataFrame:
+    """Return a message with damaged values, of the columns that it has, as missing."""
+    damaged = [name for name in strays if name in frame]
+    if not damaged:
+        return frame
     kept = frame.copy(deep=False)
-    for name in {name for _, name in strays}:
-        values = columns[name].astype(columns[name].dtype if columns[name].dtype.kind == "f" else np.float64)
-        values[[row for row, other in strays if other == name]] = np.nan
+    for name in damaged:
+        values = frame[name].to_numpy()
+        values = values.astype(values.dtype if values.dtype.kind == "f" else np.float64)
+        values[strays[name]] = np.nan
         kept[name] = values
     kept.attrs = frame.attrs
-    return kept, len(strays)
+    return kept
 
 
 def _instances(numbers: npt.NDArray[np.generic]) -> Iterator[Rows]:

@@ -321,7 +321,7 @@ class Tables(Summarised):
     def times(self, name: str) -> npt.NDArray[np.float64] | None:
         """Return the times of a table's rows, s; None without the table."""
         if name in self._times and name not in self._given and name not in self._kept:
-            return self._times[name]()
+            return self._kept.get(("times", name), self._times[name])
         table = self.column(name, next(iter(COLUMNS[name]))) if name in self._columns else getattr(self, name)
         return None if table is None else table.index.to_numpy(np.float64)
 

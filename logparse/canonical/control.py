@@ -17,6 +17,7 @@ from logparse.canonical.fields import (
     first,
     has,
     instances,
+    names_of,
     quaternion_angles,
     rows_of,
     table,
@@ -53,7 +54,8 @@ def attitude(messages: Messages, kind: Kind) -> pd.DataFrame | None:
             return table(frame, {name: f"{name} rad" for name in ANGLES})
         frame = first(messages, "ATTITUDE_QUATERNION")
         return None if frame is None else series(frame.index, quaternion_angles(frame, "q{}", range(1, 5)))
-    candidates = [messages[name] for name in ("ATT", "ANG") if name in messages and len(messages[name]) > 1]
+    logged = (messages.part(name, names_of(_DEGREES), of_all=True) for name in ("ATT", "ANG") if name in messages)
+    candidates = [frame for frame in logged if len(frame) > 1]
     if candidates:
         # ANG comes at the rate of the attitude loop where fast attitude logging is on.
         return table(max(candidates, key=len), _DEGREES)
@@ -243,7 +245,7 @@ def _dataflash_targets(messages: Messages, vehicle: Vehicle, wanted: Collection[
                 yield table(frame, {c: field for c, field in fields.items() if c in wanted and has(frame, field)})
                 break
     for name in ("ATT", "ANG"):
-        if name in messages and has(frame := messages[name], _ASKED["roll"]):
+        if name in messages and has(frame := messages.part(name, names_of(_ASKED), of_all=True), _ASKED["roll"]):
             yield table(frame, {column: field for column, field in _ASKED.items() if column in wanted})
     if (throttle := throttle_output(messages, vehicle)) is not None:
         yield throttle
@@ -374,7 +376,7 @@ def rates(messages: Messages, kind: Kind) -> pd.DataFrame | None:
 
 def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
     """Columns of the table of rates that DataFlash has in RATE, one by one, in the order wanted."""
-    frame = messages["RATE"]
+    frame = messages.part("RATE", names_of({name: _RATE[name] for name in wanted}), of_all=True)
     return columns_of(frame.index, ((name, value(frame, _RATE[name])) for name in wanted))
 
 

@@ -9,7 +9,7 @@ Where a log has neither RATE nor the PID messages, or motors and gyros faster, t
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
@@ -69,8 +69,10 @@ class RateSignals:
         return t, np.column_stack([values, *(at(t).astype(values.dtype) for at in further)]), usable
 
 
-def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
-    """Read the rate controllers of a log: RATE, or the PID messages where it has none."""
+def rate_signals(
+    log: FlightLog, within: Within | None = None, wanted: Collection[str] = tuple(COLUMNS["rates"])
+) -> RateSignals:
+    """Read what is wanted of the rate controllers of a log: RATE, or the PID messages where it has none."""
     t = log.tables.times("rates")
     if t is None or len(t) < 16:
         raise FrequencyError(
@@ -80,7 +82,7 @@ def rate_signals(log: FlightLog, within: Within | None = None) -> RateSignals:
     rows = slice(None)
     if within is not None:
         rows = slice(*np.searchsorted(t, (within[0] - _AROUND, within[1] + _AROUND)))
-    columns = log.tables.columns("rates", tuple(COLUMNS["rates"]))
+    columns = log.tables.columns("rates", wanted)
     # In single precision, as the fast loop is logged: all in double are the largest thing in memory.
     known = {str(column.name): column.to_numpy()[rows].astype(np.float32) for column in columns}
     logged = {name: values for name, values in known.items() if np.isfinite(values).any()}
@@ -194,31 +196,43 @@ _LOWEST = 8.0
 class LogSignals:
     """The signals of a log's axes, each from the best source that the log has, read once for all of them.
 
-    Of a log of which only the stretch `within` [s] counts, the controllers' rows beyond it are not read.
+    Of a log of which only the stretch `within` [s] counts, the controllers' rows beyond it are not read. Of what the
+    controllers measured and wanted, one axis is held at a time: of a fast log all are half as large as its file.
     """
 
     def __init__(self, log: FlightLog, within: Within | None = None) -> None:
         self.log, self.within = log, within
+        self._whole = within  # What is read; a part shares it.
+        self._answers: dict[str, dict[str, Logged]] = {}
 
     def part(self, start: float, stop: float) -> LogSignals:
         """Return the signals that are read already, of which only a shorter stretch [s] counts."""
         part = copy(self)
         part.within = start, stop
+        if "_outputs" not in vars(self):
+            part._whole, part._answers = part.within, {}
         return part
 
     def chirps(self, axis: str) -> list[Chirp]:
         """Return the chirps on an axis that count."""
         return [chirp for chirp in find_chirps(self.log, self.within) if chirp.axis == axis]
 
-    @cached_property
-    def rates(self) -> RateSignals:
-        """Return what the rate controllers said."""
-        return rate_signals(self.log, self.within)
+    def as_logged(self, axis: Axis) -> RateSignals:
+        """Return what the controller of an axis said."""
+        return rate_signals(self.log, self.within, (axis.input, axis.output, axis.reference))
 
     @cached_property
-    def controllers(self) -> RateSignals:
-        """Return the same with their outputs as motors got them."""
-        return as_motors_got(self.log, self.rates)
+    def _outputs(self) -> RateSignals:
+        """Return the controllers' outputs as motors got them."""
+        return as_motors_got(self.log, rate_signals(self.log, self._whole, tuple(OUTPUTS.values())))
+
+    def controllers(self, axis: Axis) -> RateSignals:
+        """Return the outputs of all controllers as motors got them, with what that of an axis measured and wanted."""
+        if axis.name not in self._answers:
+            self._answers.clear()
+            answer = rate_signals(self.log, self._whole, (axis.output, axis.reference))
+            self._answers[axis.name] = answer.columns
+        return replace(self._outputs, columns=self._outputs.columns | self._answers[axis.name])
 
     @cached_property
     def tells_height(self) -> bool:
@@ -242,11 +256,12 @@ class LogSignals:
     def of(self, axis: Axis) -> RateSignals:
         """Return the signals of an axis; FrequencyError without any, with what to log."""
         if not axis.attitude:
-            return self.controllers
+            return self.controllers(axis)
         controllers, reason = None, ""
         try:
-            if all(self.controllers.knows(name, slice(None)) for name in (axis.input, axis.output)):
-                controllers = self.controllers
+            known = self.controllers(axis)
+            if all(known.knows(name, slice(None)) for name in (axis.input, axis.output)):
+                controllers = known
         except FrequencyError as error:
             reason = str(error)
         if controllers is not None and 1.0 / controllers.step >= _FAST_ENOUGH:

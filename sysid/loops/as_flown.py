@@ -144,7 +144,7 @@ def _blocks(log: FlightLog, axis: str) -> tuple[_Block, ...]:
     settings, chirps = read_settings(log, axis), mixer_chirps(log, axis)
     if not chirps:
         return tuple(_proportional(log, settings))
-    rates, terms = _rates(log), pid_rows(log, axis, ("Tar", "Act", "P", "I", "D"))
+    rates, terms = _rates(log, axis), pid_rows(log, axis, ("Tar", "Act", "P", "I", "D"))
     blocks = [block for chirp in chirps for block in _gyro_blocks(rates, chirp, settings)]
     # At a limit the controller is another, which says so itself.
     if terms is not None and limited_chirp(log, axis) is None:
@@ -152,10 +152,10 @@ def _blocks(log: FlightLog, axis: str) -> tuple[_Block, ...]:
     return tuple(blocks)
 
 
-def _rates(log: FlightLog) -> RateSignals | None:
-    """Return the signals of the rate controllers; None of a log without them."""
+def _rates(log: FlightLog, axis: str) -> RateSignals | None:
+    """Return what the rate controller of an axis measured and wanted; None of a log without it."""
     with suppress(FrequencyError):
-        return rate_signals(log)
+        return rate_signals(log, wanted=(axis_of(axis).output, axis_of(axis).reference))
     return None
 
 

@@ -329,7 +329,8 @@ def _useful(loop: RateLoop, top: float) -> None:
 
 def _records(flight: LogSignals, axis: str) -> tuple[LoopRecord, ...]:
     """Cut the chirps at the mixer on one axis, in order."""
-    which, log, signals = axis_of(axis), flight.log, flight.rates
+    which, log = axis_of(axis), flight.log
+    signals = flight.as_logged(which)
     chirps = mixer_chirps(log, axis, flight.within)
     if not chirps:
         raise LoopError(

@@ -12,7 +12,7 @@ from logparse.flights import Flight
 from logparse.kept import Kept
 from logparse.messages import IntactMessages
 from logparse.rest import ACCEL, GYRO, at_rest, calibration
-from logparse.stray import without_stray
+from logparse.stray import find_strays, without
 from logparse.tables import Tables
 from logparse.timebase import mend_times, utc_from_gps
 from tests.timed import timed
@@ -29,6 +29,12 @@ DAMAGED = {
     "VIBE": (2.0, ("VibeX", "VibeY", "VibeZ"), {"VibeX": 6e19}),
     "RCOU": (20.0, ("C1", "C2", "C3", "C4"), {"C2": 512.0}),
 }
+
+
+def without_stray(name, frame):
+    """Return a message without its damaged values, and how many they were."""
+    strays = find_strays(name, frame)
+    return without(frame, strays), sum(map(len, strays.values()))
 
 
 def message(name, seed=1):
@@ -239,3 +245,15 @@ def test_fields_are_looked_at_though_others_of_the_message_were_intact():
     assert messages.part("IMU", ("GyrX", "GyrY")).notna().all(axis=None)
     assert np.isnan(messages.part("IMU", ("AccX", "AccZ"))["AccZ"].iloc[AT])
     assert messages.damaged == {"IMU": 1}
+
+
+def test_damage_is_told_by_all_fields_of_a_message_that_is_read_in_parts():
+    """A blow moves several fields; read one at a time, each would stand alone and be taken for damage."""
+    frame, _ = message("IMU")
+    frame.iloc[AT, :4] += 19.6
+    messages = IntactMessages(Parts(IMU=frame), Kept(), checked=False)
+    assert messages.part("IMU", ("GyrX",), of_all=True).notna().all(axis=None)
+    frame.iloc[AT + 50, 0] += 19.6
+    messages = IntactMessages(Parts(IMU=frame), Kept(), checked=False)
+    assert messages.part("IMU", ("GyrX",), of_all=True)["GyrX"].isna().sum() == 1
+    assert messages.part("IMU", ("GyrY",), of_all=True).notna().all(axis=None)

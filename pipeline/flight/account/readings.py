@@ -131,9 +131,12 @@ class Readings:
         axes = self.specific_force
         return None if axes is None else pd.Series(np.linalg.norm(axes.to_numpy(np.float64), axis=1), index=axes.index)
 
-    @cached_property
+    @property
     def specific_force(self) -> pd.DataFrame | None:
-        """Specific force along the body's axes, m/s^2, over the time that belongs to the flight."""
+        """Specific force along the body's axes, m/s^2, over the time that belongs to the flight.
+
+        It is a view of the inertial sensors' table, the longest of a log: kept here, that would be in memory twice.
+        """
         imu = self.tables.imu
         if imu is None:
             return None
