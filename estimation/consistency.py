@@ -135,7 +135,7 @@ def nees_of(trajectory: Trajectory, error: pd.DataFrame) -> dict[str, float]:
         known = np.isfinite(e).all(axis=1)
         if not known.any():
             continue
-        block = covariance[row[known], k]
+        block = covariance[row[known], k].astype(np.float64)
         weighted = np.linalg.solve(block, e[known][:, :, None])[:, :, 0]
         result[name] = float(np.mean((e[known] * weighted).sum(axis=1)) / 3.0)
     return result

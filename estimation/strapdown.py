@@ -153,7 +153,8 @@ def estimate_strapdown(
     return Trajectory(
         states=states,
         sigma=sigma,
-        covariance=np.concatenate(covariances) if len(covariances) > 1 else covariances[0],
+        # With seven digits of what nobody knows to two: in double precision, errors take more than the states.
+        covariance=np.concatenate(covariances, dtype=np.float32),
         origin=place.origin or Geodetic(float("nan"), float("nan"), 0.0),
         method="strapdown",
         diagnostics=remarks.diagnostics,
@@ -468,7 +469,7 @@ def _states(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd
 def _sigma(done: list[_Rows], index: pd.Index, errors: Mapping[int, str]) -> pd.DataFrame:
     """Return the segments' variances as the standard deviations of a `Trajectory`, as `_states`."""
     columns = [*SIGMA_COLUMNS, *errors.values()]
-    sigma = np.empty((len(index), len(columns)))
+    sigma = np.empty((len(index), len(columns)), np.float32)
     first = 0
     for e in done:
         rows = slice(first, first + len(e.t))

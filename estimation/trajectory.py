@@ -54,7 +54,9 @@ class Trajectory(Summarised):
     """The estimated motion of a log, with findings on its sensors."""
 
     states: pd.DataFrame  #: Index `t` [s], columns of `STATE_COLUMNS`, then estimated biases.
-    sigma: pd.DataFrame  #: Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column.
+    #: Same index, columns of `SIGMA_COLUMNS`, then the sigma of each bias column; `"strapdown"` in single precision, as
+    #: its covariance.
+    sigma: pd.DataFrame
     #: shape (n, 3, 3, 3): Covariances of the errors of position, of velocity and of attitude at each row.
     covariance: np.ndarray
     origin: Geodetic  #: Of the local NED frame. Latitude and longitude are NaN where no sensor measured them.

@@ -375,9 +375,15 @@ def rates(messages: Messages, kind: Kind) -> pd.DataFrame | None:
 
 
 def rate_columns(messages: Messages, wanted: Collection[str]) -> Iterator["pd.Series[float]"]:
-    """Columns of the table of rates that DataFlash has in RATE, one by one, in the order wanted."""
-    frame = messages.part("RATE", names_of({name: _RATE[name] for name in wanted}), of_all=True)
-    return columns_of(frame.index, ((name, value(frame, _RATE[name])) for name in wanted))
+    """Columns of the table of rates that DataFlash has in RATE, one by one, in the order wanted.
+
+    Each is decoded by itself: all fields at once are half as large as a log with a fast loop.
+    """
+    index: pd.Index[float] | None = None
+    for name in wanted:
+        frame = messages.part("RATE", names_of({name: _RATE[name]}), of_all=True)
+        index = frame.index if index is None else index
+        yield from columns_of(index, [(name, value(frame, _RATE[name]))])
 
 
 def rate_times(messages: Messages) -> Array | None:

@@ -196,7 +196,7 @@ def excitation_of(trajectory: Trajectory, context: pd.DataFrame) -> Movement:
     velocity = context[["v_n", "v_e", "v_d"]].to_numpy()
     step = min(max(round(SPAN / dt), 1), len(t) - 1)
     change = (velocity[step:] - velocity[:-step]) / (step * dt)
-    sigma = trajectory.sigma.loc[t[0] : t[-1], ["v_n", "v_e", "v_d"]].to_numpy()
+    sigma = trajectory.sigma.loc[t[0] : t[-1], ["v_n", "v_e", "v_d"]].to_numpy(np.float64)
     yaw, departure = context["yaw"].to_numpy(), velocity[:, :2] - velocity[:, :2].mean(axis=0)
     along = np.cos(yaw) * departure[:, 0] + np.sin(yaw) * departure[:, 1]
     across = np.cos(yaw) * departure[:, 1] - np.sin(yaw) * departure[:, 0]

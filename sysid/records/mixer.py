@@ -148,12 +148,16 @@ def mixer_differs(tables: Tables, vehicle: Vehicle, start: float, stop: float) -
     names = [f"m{motor.number}" for motor in vehicle.motors]
     if not names or tables.motors is None or not tables.has("rates"):
         return []
-    asked = list(tables.columns("rates", ["out_thrust", "out_roll", "out_pitch", "out_yaw"]))
-    if not set(names) <= set(tables.motors) or any(column.notna().sum() < FEWEST for column in asked):
+    if not set(names) <= set(tables.motors):
         return []
     motors = tables.motors.loc[start:stop, names].dropna()
     t = motors.index.to_numpy(np.float64)
-    outputs = np.column_stack([sampled_at(t, between(column, start - 1.0, stop + 1.0).dropna()) for column in asked])
+    asked = []
+    for column in tables.columns("rates", ["out_thrust", "out_roll", "out_pitch", "out_yaw"]):
+        if column.notna().sum() < FEWEST:
+            return []
+        asked.append(sampled_at(t, between(column, start - 1.0, stop + 1.0).dropna()))
+    outputs = np.column_stack(asked)
     command = motor_commands(motors.to_numpy(np.float64), vehicle)
     inside = np.all((command > MARGIN) & (command < 1.0 - MARGIN), axis=1)
     inside &= np.isfinite(outputs).all(axis=1) & (outputs[:, 0] > MARGIN) & (np.abs(outputs) < 1.0).all(axis=1)

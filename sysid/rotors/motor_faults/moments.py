@@ -95,6 +95,9 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
         raise MissingDataError("outputs of all motors of the frame are needed to find one that fails")
     if tables.imu is None:
         raise MissingDataError("angular rates and specific force (IMU) are needed to find a motor that fails")
+    # Before a view of the IMU's table is held, which might have to be built again beside it.
+    if too_slow(tables, start, stop):
+        return None
     # The ground pushes for two seconds.
     outputs = tables.motors.loc[start + 2.0 : stop, names].dropna()
     if len(outputs) > FEWEST:
@@ -107,7 +110,7 @@ def read_moments(tables: Tables, vehicle: Vehicle, start: float, stop: float) ->
     measured = np.logical_and.reduce([np.abs(values) < 1e4 for values in motion])
     if not measured.all():
         at, motion = at[measured], [values[measured] for values in motion]
-    if min(len(t), len(at)) < FEWEST or too_slow(tables, start, stop):
+    if min(len(t), len(at)) < FEWEST:
         return None
     inside = (t > at[0]) & (t < at[-1])
     t, pwm = t[inside], outputs.to_numpy(np.float64)[inside]
