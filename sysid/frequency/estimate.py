@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,18 +102,21 @@ def response(
             )
         )
     findings += limits_of(records, logs)
-    frf = response_of_records(records, which, gyro_filter_hz=gyro or None, like=like)
+    limited = max((share_at_limits(log, records) for log in logs), default=0.0)
     ordinary = any(record.band[0] == ORDINARY_BAND[0] for record in records)
+    lost = float(np.mean([record.common**2 for record in records]))
+    thin = _thinned(records, which)
+    del records  # As they were logged, they take a fifth of the file.
+    frf = _response(thin, which, gyro or None, like=like)
     turning = bool(logs and which.attitude)
     rounded = (_ROUNDED_BY_STICKS if ordinary else _ROUNDED) if any(log.tables.has("motors") for log in logs) else 0.0
     squares = [(_TRIMMED if frf.trim is not None or source else rounded) ** 2, which.between_trims**2]
     if ordinary and turning and frf.step > 1.0 / FOLDING and frf.usable.any():
         squares.append((_FOLDED * float(np.median(frf.sigma[frf.usable]))) ** 2)
-    common = float(np.sqrt(np.sum(squares) + np.mean([record.common**2 for record in records])))
+    common = float(np.sqrt(np.sum(squares) + lost))
     if turning:
         findings += reversed_answer(frf)
     delay = float(np.hypot(_DELAY, _DELAY_OF_STEP * frf.step if ordinary else 0.0))
-    limited = max((share_at_limits(log, records) for log in logs), default=0.0)
     return replace(frf, findings=tuple(findings), systematic=common, systematic_delay=delay, limited=limited)
 
 
@@ -238,6 +242,21 @@ def response_of_records(
     like: FrequencyFit | None = None,
 ) -> FrequencyResponse:
     """Estimate the response of the first input of uniform records."""
+    return _response(_thinned(records, axis), axis, gyro_filter_hz, refined=refined, like=like)
+
+
+class _Thinned(NamedTuple):
+    """Records at the rates that their frequencies [Hz] ask for."""
+
+    records: list[AxisRecord]
+    hz: Floats
+    longest: float  #: Of the records as they were, s.
+    step: float
+    duration: float
+
+
+def _thinned(records: Sequence[AxisRecord], axis: Axis) -> _Thinned:
+    """Choose the frequencies that records can tell, and thin these out to what that asks for."""
     records = [record for record in records if len(record.output) > 18 or not axis.attitude]
     if not records:
         raise FrequencyError(f"no record of the {axis.name} axis has more than 18 samples")
@@ -262,12 +281,25 @@ def response_of_records(
     thin = [thinned(record, high) for record in records]
     if axis.attitude:  # a rate axis integrates
         thin = [record.difference() for record in thin]
+    return _Thinned(thin, hz, longest, step, float(sum(record.duration for record in records)))
+
+
+def _response(
+    data: _Thinned,
+    axis: Axis,
+    gyro_filter_hz: float | None,
+    *,
+    refined: bool = True,
+    like: FrequencyFit | None = None,
+) -> FrequencyResponse:
+    """Estimate the response of records that are thinned out."""
+    thin, hz, longest, step, duration = data
     windows = _windows(thin, hz, longest)
     frf = _composite(thin, windows, axis, hz, gyro_filter_hz, None)
     if refined:
         with suppress(FrequencyError):  # what no structure can be fitted to stays as it is
             frf = _without_bends(thin, windows, axis, frf, fit(frf) if like is None else refit(like, frf))
-    return replace(frf, step=step, duration=float(sum(record.duration for record in records)))
+    return replace(frf, step=step, duration=duration)
 
 
 def _without_bends(

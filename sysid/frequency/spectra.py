@@ -269,6 +269,7 @@ def windows_of(record: AxisRecord, hz: Sequence[Floats], lengths: Sequence[float
     """Cut a record into overlapping windows of several lengths, s; yields None where none fits into it."""
     driving, instruments = _driving(record)
     signals = ThinnedSignals(driving)
+    del driving
     for length, served in zip(lengths, hz, strict=True):
         yield _windows_of(record, signals, instruments, served, length)
 

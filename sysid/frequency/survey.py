@@ -175,7 +175,7 @@ def _records(source: LogSignals, commanded: Axis, answering: Axis) -> list[AxisR
         if pair:
             both_flown = {chirp.axis for chirp in pair} == names
             return [chirp_record(log, signals, answering, chirp, [commanded]) for chirp in pair] if both_flown else []
-        first, second = (flight_record(source, signals, axis) for axis in (commanded, answering))
+        first, second = (flight_record(source, source.of(axis), axis) for axis in (commanded, answering))
     except FrequencyError:
         return []
     if first.start != second.start or len(first.output) != len(second.output):
