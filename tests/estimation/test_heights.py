@@ -1,23 +1,11 @@
 """Heights that swing, sink or wash, and errors where GPS stays away."""
 
-from collections.abc import Iterator
-from functools import cache
-
 import numpy as np
-import pandas as pd
 import pytest
 
 from estimation import compare, estimate, nees
 from estimation.timing import ACCEL
-from logparse import read_log
 from tests.estimation.simulated_flight import Sensors, fly
-from tests.paths import REAL
-
-#: Logs whose barometer is spoilt by the craft itself for longer than the rest of the sensors can bridge, and why.
-BEYOND = {
-    # Peaks of 2 m for a second or two in every turn; the autopilot's own height is 1.1 m below the barometer's.
-    ("erlerobot-logs__10-11-2014_105.BIN", "1"),
-}
 
 
 @pytest.fixture(scope="module")
@@ -46,42 +34,6 @@ def test_a_receiver_that_sinks_for_minutes_takes_no_height_away(flight):
     assert compare(result, flight.settled()).vertical_position < 1.5
     gained = -result.states["p_d"] + np.interp(result.states.index, flight.truth.index, flight.truth["p_d"])
     assert np.ptp(gained[result.states.index > 15.0]) < 1.5
-
-
-def read_heights() -> Iterator[tuple[str, str, float, float, float]]:
-    """Yield file, flight, lift-off, touch-down and barometer height of the readings that are sure, of the first files.
-
-    `benchmarks real_logs` asks all.
-    """
-    table = pd.read_csv(REAL / "readings.tsv", sep="\t", dtype={"flight": str})
-    sure = table[(table["sure"] == "high") & table["height_baro_m"].notna() & table["takeoff_s"].notna()]
-    for file in sorted(set(sure["file"]))[:8]:
-        yield from sure.loc[
-            sure["file"] == file, ["file", "flight", "takeoff_s", "landing_s", "height_baro_m"]
-        ].itertuples(index=False, name=None)
-
-
-def gained(height: pd.Series, takeoff: float, landing: float) -> float:
-    before = height.loc[takeoff - 2.0 : takeoff].median()
-    flown = height.loc[takeoff:landing]
-    smooth = flown.set_axis(pd.to_timedelta(flown.index, unit="s")).rolling("500ms").median()
-    return float(smooth.max() - before)
-
-
-@pytest.mark.whole
-@pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/logs/real")
-def test_heights_of_real_flights_are_those_that_were_read():
-    """Within 1.1 m or 10 % of the barometer, which the readings call credible; it was off by up to 70 %."""
-    estimated, measured = cache(lambda file: estimate(read_log(REAL / file).tables)), {}
-    for file, number, takeoff, landing, read in read_heights():
-        result = estimated(file)
-        height = -result.states["p_d"]
-        if not (height.index[0] < takeoff and landing < height.index[-1] + 5.0) or result.inconsistency:
-            continue
-        off = gained(height, takeoff, landing) - read
-        measured[file, number] = abs(off) < max(1.1, 0.1 * read)
-    assert len(measured) > 9
-    assert {case for case, right in measured.items() if not right} <= BEYOND
 
 
 def test_a_craft_whose_accelerometer_errs_as_it_flies_is_as_unknown_as_it_is_without_gps():
