@@ -54,11 +54,7 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
 
     `t` (N,) is uniform, s; columns are those that this module says.
     """
-    states = trajectory.states
-    angles = pd.DataFrame(angles_of(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(np.float64)), index=states.index)
-    rest = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d"]
-    source = pd.concat([angles, states[rest], trajectory.sigma[["phi_n", "phi_e", "phi_d"]]], axis=1)
-    columns = dict(zip(source.columns, resample_frame(source, t).T, strict=True))
+    columns = _motion(trajectory, t)
     columns["density"] = _density(trajectory, tables, t)
     columns["voltage"] = np.full(len(t), np.nan)
     if tables.battery is not None and tables.battery["voltage"].gt(1.0).sum() > 1:
@@ -79,6 +75,15 @@ def flight_context(trajectory: Trajectory, tables: Tables, t: Floats) -> pd.Data
             if np.isfinite(values).all():
                 columns[f"rotor_speed_{name[1:]}"] = values
     return pd.DataFrame(columns, index=pd.Index(t, name="t"), copy=False)
+
+
+def _motion(trajectory: Trajectory, t: Floats) -> dict[str, Floats]:
+    """Resample attitude, rates, specific force and velocity of a trajectory, which are released when it returns."""
+    states = trajectory.states
+    angles = pd.DataFrame(angles_of(states[["q_w", "q_x", "q_y", "q_z"]].to_numpy(np.float64)), index=states.index)
+    rest = ["w_x", "w_y", "w_z", "f_x", "f_y", "f_z", "v_n", "v_e", "v_d"]
+    source = pd.concat([angles, states[rest], trajectory.sigma[["phi_n", "phi_e", "phi_d"]]], axis=1)
+    return dict(zip(map(str, source.columns), resample_frame(source, t).T, strict=True))
 
 
 def angles_of(quaternions: Floats) -> dict[str, Floats]:
