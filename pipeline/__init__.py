@@ -12,8 +12,9 @@ if TYPE_CHECKING:
     from pipeline.fleet.analysis import analyze_fleet
     from pipeline.fleet.result import FleetResult
     from pipeline.flight.analysis import analyze, analyze_flights
+    from pipeline.results.craft import GroupResult
     from pipeline.results.failure import Failure
-    from pipeline.results.fleet import GroupResult, LogFailure
+    from pipeline.results.fleet import LogFailure
     from pipeline.results.flight import FlightResult, LogFacts, ModelResult, Prediction
     from pipeline.results.span import Span
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from core.lazy import exports, lazy
 
 if TYPE_CHECKING:
-    from pipeline.results.fleet import GroupResult
+    from pipeline.results.craft import GroupResult
     from pipeline.results.flight import FlightResult
     from reports.files import folder as reports_folder
     from reports.files.fleet import write_fleet

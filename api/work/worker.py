@@ -31,8 +31,9 @@ from logparse.containers import limit_unpacked
 from pipeline.execution.stages import Overall
 from pipeline.fleet.result import FleetResult, Run
 from pipeline.flight.craft import took_off
+from pipeline.results.craft import GroupResult
 from pipeline.results.failure import present
-from pipeline.results.fleet import FlightEntry, GroupResult
+from pipeline.results.fleet import FlightEntry
 from pipeline.storage.manifest import FLIGHTS, MANIFEST
 from pipeline.storage.store import ENTRY, LOCK
 

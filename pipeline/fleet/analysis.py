@@ -22,7 +22,8 @@ from pipeline.execution.executors import Processes, WorkerDiedError, outcomes
 from pipeline.execution.progress import Watch, part_of
 from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.result import ANOTHER_RECORDING, FleetResult, IdentifiedCrafts, Run
-from pipeline.results.fleet import FlightEntry, LogFailure, Publish
+from pipeline.results.craft import Publish
+from pipeline.results.fleet import FlightEntry, LogFailure
 from pipeline.storage.inventory import READERS, bring_back, index_sources, set_aside
 from pipeline.storage.manifest import (
     FLIGHTS,

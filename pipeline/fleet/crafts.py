@@ -30,8 +30,9 @@ from pipeline.flight.identification import compare_parameters, identify, paramet
 from pipeline.flight.kinds import KINDS, RIGID_BODY_KEY, THRUST_KEY, ModelKind
 from pipeline.flight.next_flights import for_craft
 from pipeline.names import printable
+from pipeline.results.craft import GroupResult
 from pipeline.results.failure import Failure, findings_of, present, reasons
-from pipeline.results.fleet import FlightEntry, GroupEntry, GroupResult, LogFailure, Split
+from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure, Split
 from pipeline.results.flight import ModelResult, Prediction
 from pipeline.results.model import verdict_of
 from pipeline.results.report import CraftReport

@@ -10,7 +10,8 @@ from core.lazy import lazy
 from core.serialization import plain
 from core.summary import Summarised, listed
 from pipeline.config import AnalysisConfig
-from pipeline.results.fleet import FlightEntry, GroupEntry, GroupResult, LogFailure, Publish
+from pipeline.results.craft import GroupResult, Publish
+from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure
 from pipeline.results.model import ParameterRow
 from pipeline.storage.manifest import CRAFTS, FLIGHTS, Manifest, page_key
 from pipeline.storage.store import Store, TemporaryStore

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from core.summary import listed
 from logparse.craft.log_settings import Bit, LogSetting, mask
 from logparse.formats import TELEMETRY
-from pipeline.results.answer import Advice, having, names_of
+from pipeline.results.answer import Advice
 
 if TYPE_CHECKING:
     from pipeline.results.coverage import LoggedRate
@@ -174,3 +175,15 @@ def _rate(flight: FlightEntry, table: str) -> float | None:
 
 def _setting(flight: FlightEntry, name: str) -> float | None:
     return None if flight.coverage is None else flight.coverage.health.settings.get(name)
+
+
+def names_of(flights: Sequence[FlightEntry], total: int) -> str:
+    """Name flights in a sentence; all of several are not listed."""
+    if len(flights) == total:
+        return f"all {total} flights" if total > 1 else "this flight"
+    return listed([flight.name for flight in flights], 4)
+
+
+def having(flights: Sequence[FlightEntry], *findings: str) -> list[FlightEntry]:
+    """Choose the flights with one of these findings."""
+    return [flight for flight in flights if any(finding.id in findings for finding in flight.findings)]

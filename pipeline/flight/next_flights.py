@@ -16,10 +16,10 @@ from core.summary import listed
 from logparse.craft.log_settings import Need, bits_of
 from logparse.formats import TELEMETRY
 from pipeline.flight.craft import in_order
-from pipeline.flight.logging_advice import logging
+from pipeline.flight.logging_advice import logging, names_of
 from pipeline.flight.summary import WIND_AS_DRAG, flight_entry
 from pipeline.flight.training import hardly_moves, position_good, position_sigma
-from pipeline.results.answer import Advice, names_of
+from pipeline.results.answer import Advice
 from pipeline.results.failure import Failure
 from sysid.frequency.axes import MIXER_CHIRPS
 from sysid.rigid_body.model_record import LIGHT, TURBULENCE

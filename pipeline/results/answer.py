@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
 
 from core.quantity import uncertain
-from core.summary import listed
 from pipeline.results.span import Span
-
-if TYPE_CHECKING:
-    from pipeline.results.fleet import FlightEntry
 
 
 class Tone(StrEnum):
@@ -101,15 +96,3 @@ class Advice:
 def clause(reason: str) -> str:
     """Return the first clause of a reason; the whole stands further down."""
     return re.split(r"[:;(]|\. ", reason, maxsplit=1)[0].strip().rstrip(".")
-
-
-def names_of(flights: Sequence[FlightEntry], total: int) -> str:
-    """Name flights in a sentence; all of several are not listed."""
-    if len(flights) == total:
-        return f"all {total} flights" if total > 1 else "this flight"
-    return listed([flight.name for flight in flights], 4)
-
-
-def having(flights: Sequence[FlightEntry], *findings: str) -> list[FlightEntry]:
-    """Choose the flights with one of these findings."""
-    return [flight for flight in flights if any(finding.id in findings for finding in flight.findings)]

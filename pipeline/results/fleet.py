@@ -1,4 +1,4 @@
-"""Results over several logs: flights in short, which train and which judge, crafts identified jointly, failures.
+"""Results over several logs in short: flights, which train and which judge, crafts identified jointly, failures.
 
 Entries are what the coordinator of a folder keeps of each flight and craft while their trajectories and models lie in
 the store: light (some kilobytes), they travel between processes, and stand as ``entry.json`` in the folder of their
@@ -7,25 +7,17 @@ products, where they also say that the folder is whole: an entry is written last
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
-from pathlib import Path
-from typing import TYPE_CHECKING
 
-from core.summary import Summarised, listed
 from logparse import Finding
 from pipeline.names import file_name
 from pipeline.results.account import Account
 from pipeline.results.coverage import Coverage
-from pipeline.results.failure import Failure
 from pipeline.results.span import Span
 from sysid.autopilot.values import AutopilotValue
 from sysid.rotors.steady_trims import SteadyTrims
-
-if TYPE_CHECKING:
-    from pipeline.results.flight import FlightResult, ModelResult
-    from pipeline.results.report import CraftReport
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,28 +33,6 @@ class LogFailure:
     def file(self) -> str:
         """The file's name, without its folder, as text that can be shown."""
         return file_name(self.source)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class GroupResult(Summarised):
-    """All flights of one craft, identified jointly."""
-
-    report: CraftReport  #: What report.json has of it.
-    models: tuple[ModelResult, ...] = ()  #: Side by side, fitted to the training flights and judged on the others.
-
-    def summary(self) -> Mapping[str, str]:
-        """Return the key facts of this result."""
-        return {
-            "craft": self.report.name,
-            "training": listed(self.report.training),
-            "held out": listed(self.report.held_out),
-            "models": listed([model.title for model in self.models if not isinstance(model.model, Failure)]) or "none",
-        }
-
-
-#: ``publish(result, folder)`` writes what people and programs read of a result. Without a result it draws the pages of
-#: a folder anew, or raises FileNotFoundError where the folder does not hold what that takes.
-Publish = Callable[["FlightResult | GroupResult | None", Path], object]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 from core.serialization import plain
 from pipeline.config import AnalysisConfig
 from pipeline.names import flight_folder
-from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure, Publish
+from pipeline.results.craft import Publish
+from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure
 from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:

@@ -20,8 +20,8 @@ from logparse import Geodetic
 from logparse.heights import above_ground
 from pipeline.flight.summary import mode_spans
 from pipeline.results.answer import Picture
+from pipeline.results.craft import GroupResult
 from pipeline.results.failure import Failure, present
-from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult
 from pipeline.results.report import FlightReport
 from pipeline.results.signals import Panel, SignalLine

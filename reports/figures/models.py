@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.results.craft import GroupResult
 from pipeline.results.failure import present
-from pipeline.results.fleet import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult, Prediction
 from pipeline.results.model import ModelReport
 from pipeline.results.span import Span

@@ -15,7 +15,7 @@ import pandas as pd
 from core.serialization import as_json, from_json
 from core.table import as_cell
 from pipeline.flight.summary import flight_report, models_file
-from pipeline.results.fleet import GroupResult
+from pipeline.results.craft import GroupResult
 from pipeline.results.flight import FlightResult, ModelResult
 from pipeline.results.model import RmseRow
 from pipeline.results.report import CraftReport, FlightReport
