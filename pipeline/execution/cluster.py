@@ -22,7 +22,7 @@ from core.lazy import lazy
 from logparse import RotoridError
 from pipeline.execution.executors import WorkerDiedError
 from pipeline.names import is_url
-from pipeline.storage.manifest import installed as software
+from pipeline.software import installed
 
 if TYPE_CHECKING:
     import distributed
@@ -150,7 +150,7 @@ class Cluster(Executor):
                 f"the scheduler at {self.address} has no workers: start some with `dask worker {self.address}`"
             ) from None
         _refuse(differing_dask(self.client.get_versions()))
-        self._software = software()
+        self._software = installed()
         local = tuple(str(Path(place).absolute()) for place in places if not is_url(place))
         with _marked(None if store is None or is_url(store) else Path(store)) as mark:
             view = _packed(call_guarded, (self._software, look, (local, mark), {}), {})
@@ -193,7 +193,7 @@ def _difference(there: Mapping[str, Any], here: Mapping[str, Any]) -> str:
 def _sentence(answer: str | Exception) -> str:
     """Report what is wrong with a worker, from what it answered."""
     if isinstance(answer, ModuleNotFoundError):
-        return f"has no module {answer.name}: install rotorid {software()['rotorid']} there"
+        return f"has no module {answer.name}: install rotorid {installed()['rotorid']} there"
     if isinstance(answer, Exception):
         return str(answer) if isinstance(answer, RotoridError) else f"{type(answer).__name__}: {answer}"
     return answer
@@ -239,7 +239,7 @@ def call_guarded(
     expected: Mapping[str, Any], function: Callable[..., R], args: Sequence[Any], named: Mapping[str, Any]
 ) -> R:
     """Call a function on a worker; SchedulerError where its software is not as expected."""
-    own = software()
+    own = installed()
     if own != expected:
         libraries = _difference(own["libraries"], expected["libraries"])
         raise SchedulerError(libraries or _difference(own, {"rotorid": expected["rotorid"]}) or OTHER_SOURCES)

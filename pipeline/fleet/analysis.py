@@ -24,6 +24,7 @@ from pipeline.execution.stages import Progress, silent
 from pipeline.fleet.result import ANOTHER_RECORDING, FleetResult, IdentifiedCrafts, Run
 from pipeline.results.craft import Publish
 from pipeline.results.fleet import FlightEntry, LogFailure
+from pipeline.software import software
 from pipeline.storage.inventory import READERS, bring_back, index_sources, set_aside
 from pipeline.storage.manifest import (
     FLIGHTS,
@@ -31,7 +32,6 @@ from pipeline.storage.manifest import (
     Manifest,
     is_current,
     read_manifest,
-    software,
     stored_flights,
 )
 from pipeline.storage.sources import FoundFiles, find

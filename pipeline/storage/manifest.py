@@ -10,9 +10,7 @@ import hashlib
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, partial
-from importlib.metadata import PackageNotFoundError, version
-from importlib.util import find_spec
+from functools import partial
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +20,7 @@ from pipeline.config import AnalysisConfig
 from pipeline.names import flight_folder
 from pipeline.results.craft import Publish
 from pipeline.results.fleet import FlightEntry, GroupEntry, LogFailure
+from pipeline.software import Software, presentation, software
 from pipeline.storage.store import ENTRY, Store
 
 if TYPE_CHECKING:
@@ -32,12 +31,6 @@ MANIFEST = "manifest.json"
 
 #: Where the products of flights and crafts are in the store.
 FLIGHTS, CRAFTS = "flights", "crafts"
-
-#: Packages that numbers and plots come from; pages, which `reports` shows, are drawn of what these have written.
-_ANALYSIS = ("core", "logparse", "estimation", "sysid", "pipeline", "reports.figures")
-
-#: Libraries that the numbers come from.
-_LIBRARIES = ("numpy", "scipy", "numba", "pandas", "pyarrow", "pymap3d", "pygeomag", "pymavlink", "filterpy")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,15 +53,6 @@ class FileRecord:
     def as_failure(self) -> LogFailure:
         """Return the file with its reason."""
         return LogFailure(self.url, self.reason, lasting=self.state == "failed")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Software:
-    """What computes; what only shows results has no part in it, see `page_key`."""
-
-    rotorid: str  #: Its version.
-    sources: str  #: A fingerprint of them.
-    libraries: Mapping[str, str | None]  #: Versions of those beneath it; None for one that is not installed.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,49 +89,9 @@ def read_manifest(store: Store) -> Manifest:
     return store.read_as(MANIFEST, Manifest) or Manifest()
 
 
-@cache
-def software() -> Software:
-    """Return which software computes."""
-    libraries = {name: _version(name) for name in _LIBRARIES}
-    return Software(rotorid=version("rotorid"), sources=_fingerprint(_ANALYSIS), libraries=libraries)
-
-
-@cache
-def presentation() -> tuple[str, str | None]:
-    """Return which software shows results: a fingerprint of code, templates and style sheets, and Plotly's version."""
-    return _fingerprint(("reports",)), _version("plotly")
-
-
-def installed() -> Mapping[str, Any]:
-    """Return all software that has a part in products, in plain types: workers with other software must read it too."""
-    return {**plain(software()), "presentation": list(presentation())}
-
-
 def page_key(publish: Callable[..., object] | None) -> str:
     """Name what writes pages of results: equal keys promise equal pages of equal results; empty for none."""
     return "" if publish is None else _digest([*presentation(), _named(publish)])
-
-
-def _fingerprint(packages: Iterable[str]) -> str:
-    sources = hashlib.sha256()
-    for package in packages:
-        # Found and not imported: this must not wait for numerical packages.
-        spec = find_spec(package)
-        if spec is None or spec.origin is None:
-            continue
-        folder = Path(spec.origin).parent
-        # What was compiled of them comes and goes.
-        for file in sorted(path for path in folder.rglob("*") if path.is_file() and "__pycache__" not in path.parts):
-            sources.update(f"{package}/{file.relative_to(folder).as_posix()}\0".encode())
-            sources.update(file.read_bytes())
-    return sources.hexdigest()
-
-
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
 
 
 def of_one_flight(config: AnalysisConfig) -> AnalysisConfig:

@@ -12,10 +12,10 @@ import pytest
 
 from pipeline import AnalysisConfig, analyze_fleet
 from pipeline.execution import cluster
-from pipeline.execution.cluster import Cluster, SchedulerError, software
+from pipeline.execution.cluster import Cluster, SchedulerError
 from pipeline.execution.executors import WorkerDiedError, as_done
 from pipeline.fleet import crafts, job
-from pipeline.storage import manifest
+from pipeline.software import _fingerprint, installed
 from tests.pipeline import calls, flown
 from tests.pipeline.dask_programs import Programs
 from tests.s3_server import s3_server
@@ -172,7 +172,7 @@ def test_other_versions_of_python_and_dask_are_named():
 
 
 def test_the_same_version_with_other_sources_is_refused():
-    here = software()
+    here = installed()
     assert cluster.call_guarded(here, calls.square, (3,), {}) == 9
     with pytest.raises(SchedulerError, match="other sources"):
         cluster.call_guarded(here | {"sources": "bb"}, calls.square, (3,), {})
@@ -186,8 +186,8 @@ def test_sources_are_the_same_before_and_after_loops_are_compiled(tmp_path, monk
     compiled = tmp_path / "sources_of_old" / "__pycache__"
     compiled.mkdir(parents=True)
     (compiled.parent / "__init__.py").write_text("")
-    before = manifest._fingerprint(["sources_of_old"])
+    before = _fingerprint(["sources_of_old"])
     (compiled / "loop.nbi").write_bytes(b"compiled")
-    assert manifest._fingerprint(["sources_of_old"]) == before
+    assert _fingerprint(["sources_of_old"]) == before
     (compiled.parent / "page.html").write_text("a template")
-    assert manifest._fingerprint(["sources_of_old"]) != before
+    assert _fingerprint(["sources_of_old"]) != before
