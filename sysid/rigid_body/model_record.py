@@ -68,11 +68,17 @@ class FlightTrim:
 
     def wind(self, t: Floats) -> Floats:
         """Wind at 10 m at times t [s], north and east; shape (N, 2)."""
-        mean: Floats = np.tile([self.wind_n, self.wind_e], (len(t), 1))
-        if not self.variation:
-            return mean
-        knots, *parts = np.array(self.variation).T
-        return np.asarray(mean + np.column_stack([np.interp(t, knots, part) for part in parts]))
+        knots, *departures = np.array(self.variation).reshape(-1, 3).T
+        return varying_wind(t, np.array([self.wind_n, self.wind_e]), knots, np.array(departures).T)
+
+
+def varying_wind(t: Floats, mean: Floats, knots: Floats, departures: Floats) -> Floats:
+    """Wind at times t [s] from its mean (2,) and its departures (k, 2) at the k knots; north and east, (N, 2)."""
+    wind = np.tile(mean, (len(t), 1))
+    if len(knots):
+        for column, departure in zip(wind.T, departures.T, strict=True):
+            column += np.interp(t, knots, departure)
+    return wind
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from sysid.rigid_body.carried import (
     along_run,
     carry_states,
 )
-from sysid.rigid_body.model_record import LIGHT, TURBULENCE, FlightTrim
+from sysid.rigid_body.model_record import LIGHT, TURBULENCE, FlightTrim, varying_wind
 from sysid.rigid_body.systematic import wind_error
 from sysid.rotors.thrust_regression import AIR_SIGMA
 
@@ -127,14 +127,14 @@ def match_path(flight: BodyMotion, shared: Floats, states: Carried, law: int, kn
     stays. Winds at the k `knots` depart from the mean as far as turbulence lets them.
     """
     start, sigma = states.own[-1], np.sqrt(np.diag(states.covariances[-1])[1:FIXED])
-    shapes = wind_shapes(flight.t, knots)
     gust = TURBULENCE * max(float(np.hypot(*start[_WIND:])), LIGHT)
     half = max(round(BLOCK_SECONDS / flight.dt), 1)
     every = 2 * half
     first = np.concatenate([start[1:], np.zeros(2 * len(knots))])
 
     def run(own: Floats) -> Floats:
-        return flight.run(np.concatenate([shared, start[:1], own]), shapes, law)
+        wind = varying_wind(flight.t, own[1:3], knots, own[3:].reshape(-1, 2))
+        return flight.run(np.concatenate([shared, start[:1], own[:1], [1.0, 0.0, 0.0, 1.0]]), wind, law)
 
     def missed(own: Floats) -> Floats:
         return np.asarray((run(own)[::every, :3] - flight.position[::every]).ravel())
@@ -149,7 +149,7 @@ def match_path(flight: BodyMotion, shared: Floats, states: Carried, law: int, kn
     scales = np.concatenate([sigma, np.full(2 * len(knots), gust)])
     # A path is nearly linear in the wind, so that its slopes at the start serve for all steps.
     theta = np.concatenate([shared, start])
-    by_path = _path_slopes(flight, run(first), theta, law, shapes, np.arange(0, len(flight.t), half))[::2]
+    by_path = _path_slopes(flight, run(first), theta, law, knots, np.arange(0, len(flight.t), half))[::2]
     slopes = np.vstack([by_path.reshape(-1, len(first)) / spread, np.diag(1.0 / scales)])
 
     def slope(_: Floats) -> Floats:
@@ -159,16 +159,17 @@ def match_path(flight: BodyMotion, shared: Floats, states: Carried, law: int, kn
     return np.concatenate([start[:1], solution.x])
 
 
-def _path_slopes(flight: BodyMotion, run: Floats, theta: Floats, law: int, shapes: Floats, edges: np.ndarray) -> Floats:
-    """Differentiate the positions of a free run by thrust scale and winds of all `shapes` at some samples.
+def _path_slopes(flight: BodyMotion, run: Floats, theta: Floats, law: int, knots: Floats, edges: np.ndarray) -> Floats:
+    """Differentiate the positions of a free run by thrust scale, mean wind and departures at `knots` at some samples.
 
     Integrated beside the run as the errors of `drift_sigma` are (Heun's method); shape (edges, 3, 1 + 2 w).
     """
     by_theta, by_velocity = along_run(flight, run, theta, law, edges)
     scale, wind = SHARED + _WIND - 1, slice(SHARED + _WIND, SHARED + _WIND + 2)
     by_wind = by_theta[:, :, wind]
+    shapes = wind_shapes(flight.t[edges], knots)
     drive = np.concatenate(
-        [by_theta[:, :, scale : scale + 1], *(by_wind * shape[:, None, None] for shape in shapes[edges].T)], axis=2
+        [by_theta[:, :, scale : scale + 1], *(by_wind * shape[:, None, None] for shape in shapes.T)], axis=2
     )
     # A craft that climbs meets more wind, as a power of the height.
     height = flight.ground - run[edges, 2:3]
