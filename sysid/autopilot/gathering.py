@@ -13,7 +13,7 @@ from logparse import FlightLog, GivenLogs, RotoridError, logs_of
 from logparse.craft.quadplane import own_names
 from sysid.autopilot.drag import NAMES as DRAG
 from sysid.autopilot.drag import drag_values
-from sysid.autopilot.motor_lines import NO_BATCHES
+from sysid.autopilot.motor_lines import NoBatchesError
 from sysid.autopilot.notches import NAMES as NOTCH
 from sysid.autopilot.notches import notch_study, notch_values
 from sysid.autopilot.thrust_curve import NAMES as THRUST
@@ -115,15 +115,15 @@ def batch_values(
     for axis in ("roll", "pitch") if any("ISBH" in log.messages for log in flights) else ():
         with suppress(RotoridError):
             loops[axis] = rate_loop(chirps, axis)
-    reasons = []
+    errors: list[RotoridError] = []
     for log in reversed(flights):
         try:
             return notch_values(log, notch_study(log, loops), loops, flown)
         except RotoridError as error:
-            reasons.append(str(error))
+            errors.append(error)
     # Of flights without batches nothing more is to be said than that.
-    why = next((reason for reason in reasons if NO_BATCHES not in reason), reasons[0])
-    return refused(NOTCH, ParameterFile.MOTOR_NOTCH, flown, why)
+    why = next((error for error in errors if not isinstance(error, NoBatchesError)), errors[0])
+    return refused(NOTCH, ParameterFile.MOTOR_NOTCH, flown, str(why))
 
 
 def body_values(

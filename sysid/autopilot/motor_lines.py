@@ -19,8 +19,6 @@ from sysid.loops.filters import NOTCH_LIMIT
 from sysid.records import Floats
 from sysid.records.filtering import welch
 
-NO_BATCHES = "no raw gyro batches"
-
 #: Largest relative variation of throttle within a steady batch, and largest relative deviation from hover throttle.
 _STEADY, _HOVER_BAND = 0.03, 0.08
 
@@ -46,6 +44,10 @@ _FEWEST, _HARMONICS = 4, 4
 
 class LineError(RotoridError):
     """The batches do not show the motors' lines."""
+
+
+class NoBatchesError(LineError):
+    """There are no batches of the gyro."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,7 +92,7 @@ def gyro_batches(log: FlightLog) -> tuple[tuple[Batch, ...], tuple[Batch, ...], 
     tables = log.tables.others("gyro_batch")
     if not tables or flight is None:
         only = " (those of the accelerometer do not tell the gyro's noise)" if "ISBH" in log.messages else ""
-        raise LineError(f"{name}: {NO_BATCHES}{only}; fly with INS_LOG_BAT_MASK 1, INS_LOG_BAT_OPT 4")
+        raise NoBatchesError(f"{name}: no raw gyro batches{only}; fly with INS_LOG_BAT_MASK 1, INS_LOG_BAT_OPT 4")
     heads = log.messages["ISBH"]
     gyro = heads[heads["type"] == 1]
     instances = [int(instance) for instance in sorted(gyro["instance"].unique())]
