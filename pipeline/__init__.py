@@ -1,4 +1,4 @@
-"""Pipeline: one log to a result, a folder to a fleet result, and the command line.
+"""Pipeline: one log to the result of its flights, a folder to the result of a fleet.
 
 Names are imported when they are first used, so that ``rotorid --help`` need not load the numerical packages.
 """
