@@ -50,13 +50,15 @@ def upload_many(address: str, *, clients: int, size: int) -> list[str]:
         digest = hashlib.sha256()
         with httpx.Client(base_url=address, timeout=300.0) as client:
             answer = client.post("/api/v1/logs", content=_form(b"%d" % number, size, digest), headers=_FORM)
-        return digest.hexdigest(), answer.text
+            kept = answer.json()
+        right = answer.status_code == 201 and (kept["sha256"], kept["size"]) == (digest.hexdigest(), size)
+        return digest.hexdigest(), "" if right else answer.text
 
     with ThreadPoolExecutor(clients) as pool:
         sent = dict(pool.map(upload, range(clients)))
     listed = httpx.get(f"{address}/api/v1/logs", params={"limit": 500}, timeout=60.0).json()["items"]
     kept = {log["sha256"] for log in listed if log["size"] == size}
-    return [answer for digest, answer in sent.items() if digest not in kept]
+    return [wrong or "not listed" for digest, wrong in sent.items() if wrong or digest not in kept]
 
 
 def upload_large(address: str, pid: int, *, size: int) -> float:
